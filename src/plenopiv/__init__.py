@@ -1,0 +1,1 @@
+"""PlenoPIV: from raw plenoptic images to a velocity field."""

@@ -1,0 +1,1 @@
+"""Cameras: optics, lattice and pose of what records the light."""

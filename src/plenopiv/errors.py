@@ -1,0 +1,11 @@
+"""What the user reads when an input cannot be used: one line, exit code 2, no traceback."""
+
+from __future__ import annotations
+
+
+class PlenoPIVError(Exception):
+    """Bad input. The message is one line that names the file, key or frame and the way out."""
+
+
+class PlenoPIVWarning(UserWarning):
+    """The run goes on, but the user should know; repeated in ``summary.json`` and the report."""

@@ -1,0 +1,75 @@
+"""Square and hexagonal lattices of microlenses.
+
+A lattice lives on the microlens plane with coordinates ``(s, t)`` in mm, the optical axis at the origin. Lens
+``(i, j)`` is number ``i`` of row ``j``. Before the rotation the rows run along s (which is along the object's x):
+
+    square      s = i,            t = j               (in pitches)
+    hexagonal   s = i + (j % 2)/2,  t = j sqrt(3)/2   odd rows are shifted by half a pitch
+
+The rotation is counter-clockwise in (s, t) about lens (0, 0), which sits at ``offset_mm``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, sin, sqrt
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+LatticeKind = Literal["square", "hexagonal"]
+ROW_SPACING = {"square": 1.0, "hexagonal": sqrt(3.0) / 2.0}  # in pitches
+CELL_AREA = ROW_SPACING  # area of one cell in pitches squared: one lens per pitch along a row
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Where the microlenses are. Lengths in mm, rotation in rad (counter-clockwise in (s, t))."""
+
+    kind: LatticeKind
+    pitch_mm: float
+    rotation_rad: float = 0.0
+    offset_mm: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def row_spacing(self) -> float:
+        """Distance between rows, in pitches: 1 (square) or sqrt(3)/2 (hexagonal)."""
+        return ROW_SPACING[self.kind]
+
+    @property
+    def cell_area_mm2(self) -> float:
+        """Area of the microlens plane that one lens covers."""
+        return CELL_AREA[self.kind] * self.pitch_mm**2
+
+    def centres(self, i: ArrayLike, j: ArrayLike) -> tuple[NDArray, NDArray]:
+        """Centres (s, t) in mm of lenses (i, j); any broadcastable integer arrays."""
+        i, j = np.asarray(i), np.asarray(j)
+        half = 0.5 * (j & 1) if self.kind == "hexagonal" else 0.0
+        a, b = (i + half) * self.pitch_mm, j * (self.row_spacing * self.pitch_mm)
+        c, s = cos(self.rotation_rad), sin(self.rotation_rad)
+        return self.offset_mm[0] + c * a - s * b, self.offset_mm[1] + s * a + c * b
+
+    def coordinates(self, s_mm: ArrayLike, t_mm: ArrayLike) -> tuple[NDArray, NDArray]:
+        """Points (s, t) in mm as lattice coordinates (along rows, across rows), in pitches from lens (0, 0)."""
+        a, b = np.asarray(s_mm) - self.offset_mm[0], np.asarray(t_mm) - self.offset_mm[1]
+        c, s = cos(self.rotation_rad), sin(self.rotation_rad)
+        return (c * a + s * b) / self.pitch_mm, (c * b - s * a) / self.pitch_mm
+
+    def nearest(self, s_mm: ArrayLike, t_mm: ArrayLike) -> tuple[NDArray, NDArray]:
+        """The lens (i, j) whose cell holds each point (s, t) in mm."""
+        a, b = self.coordinates(s_mm, t_mm)
+        if self.kind == "square":
+            return np.rint(a).astype(np.int64), np.rint(b).astype(np.int64)
+        lower = np.floor(b / self.row_spacing).astype(np.int64)
+        best_i = best_j = best_d = None
+        for j in (lower, lower + 1):
+            half = 0.5 * (j & 1)
+            i = np.rint(a - half).astype(np.int64)
+            d = (a - i - half) ** 2 + (b - j * self.row_spacing) ** 2
+            if best_d is None:
+                best_i, best_j, best_d = i, j, d
+            else:
+                closer = d < best_d
+                best_i, best_j = np.where(closer, i, best_i), np.where(closer, j, best_j)
+        return best_i, best_j

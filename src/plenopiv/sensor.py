@@ -1,0 +1,55 @@
+"""The sensor: pixels, orientation, black level, saturation, and the noise that a pixel value carries.
+
+Pixel centres are at integers; the optical axis falls at ((columns - 1)/2, (rows - 1)/2). Inside PlenoPIV every image
+is *upright*: columns grow with the object's +x, rows with -y. An image stored as ``"sensor"`` is the inverted one as it
+falls on the chip: upright turned by 180 degrees, not mirrored.
+
+The microlens plane's (s, t) is inverted with respect to the object (M < 0), so in an upright image columns grow with
+-s and rows with +t.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Orientation = Literal["upright", "sensor"]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Pixels of a monochrome sensor. Pitch in mm, black level in counts."""
+
+    columns: int
+    rows: int
+    pixel_pitch_mm: float
+    bit_depth: int = 12
+    black_level: float = 0.0
+
+    @property
+    def full_scale(self) -> int:
+        """The count at which a pixel saturates."""
+        return 2**self.bit_depth - 1
+
+    @property
+    def axis(self) -> tuple[float, float]:
+        """(column, row) of the optical axis."""
+        return (self.columns - 1) / 2.0, (self.rows - 1) / 2.0
+
+    def plane_from_pixel(self, column: ArrayLike, row: ArrayLike) -> tuple[NDArray, NDArray]:
+        """(s, t) in mm on the sensor of (column, row) in an upright image."""
+        c0, r0 = self.axis
+        return (c0 - np.asarray(column, float)) * self.pixel_pitch_mm, (np.asarray(row, float) - r0) * self.pixel_pitch_mm
+
+    def pixel_from_plane(self, s_mm: ArrayLike, t_mm: ArrayLike) -> tuple[NDArray, NDArray]:
+        """(column, row) in an upright image of (s, t) in mm on the sensor."""
+        c0, r0 = self.axis
+        return c0 - np.asarray(s_mm, float) / self.pixel_pitch_mm, r0 + np.asarray(t_mm, float) / self.pixel_pitch_mm
+
+
+def upright(image: NDArray, orientation: Orientation) -> NDArray:
+    """An image as stored, turned upright (a view, no copy). Its own inverse."""
+    return image if orientation == "upright" else image[::-1, ::-1]

@@ -1,0 +1,96 @@
+"""The voxel grid and the two forms of a reconstructed volume: dense planes or a sparse list of voxels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class VoxelGrid:
+    """A regular grid of voxels. ``shape`` is (nz, ny, nx); ``first_mm`` the centre (x, y, z) of voxel (0, 0, 0)."""
+
+    first_mm: tuple[float, float, float]
+    voxel_mm: tuple[float, float, float]
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def covering(cls, x_mm, y_mm, z_mm, voxel_mm) -> VoxelGrid:
+        """The grid between outer faces ``(lo, hi)`` in mm: ceil((hi - lo)/voxel - 1e-6) voxels, centred on the interval."""
+        first, count = [], []
+        for (lo, hi), d in zip((x_mm, y_mm, z_mm), voxel_mm, strict=True):
+            n = ceil((hi - lo) / d - 1e-6)
+            count.append(n)
+            first.append(0.5 * (lo + hi) - 0.5 * (n - 1) * d)
+        return cls(tuple(first), tuple(float(d) for d in voxel_mm), (count[2], count[1], count[0]))
+
+    @property
+    def size(self) -> int:
+        """Number of voxels."""
+        return self.shape[0] * self.shape[1] * self.shape[2]
+
+    def axes(self) -> tuple[NDArray, NDArray, NDArray]:
+        """Voxel centres in mm along x, y and z."""
+        nz, ny, nx = self.shape
+        return tuple(f + d * np.arange(n) for f, d, n in zip(self.first_mm, self.voxel_mm, (nx, ny, nz), strict=True))
+
+    def limits_mm(self) -> tuple[tuple[float, float], ...]:
+        """Outer faces along x, y and z."""
+        nz, ny, nx = self.shape
+        return tuple(
+            (f - d / 2, f + (n - 0.5) * d) for f, d, n in zip(self.first_mm, self.voxel_mm, (nx, ny, nz), strict=True)
+        )
+
+
+class Volume(Protocol):
+    """What the correlation needs of a reconstructed volume."""
+
+    grid: VoxelGrid
+
+    def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
+        """Planes lo <= k < hi as a dense float32 array (hi - lo, ny, nx); zero outside the volume."""
+
+
+@dataclass(frozen=True)
+class DenseVolume:
+    """Intensity of every voxel, float32 (nz, ny, nx)."""
+
+    grid: VoxelGrid
+    values: NDArray[np.float32]
+
+    def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
+        nz, ny, nx = self.grid.shape
+        out = np.zeros((hi - lo, ny, nx), np.float32)
+        a, b = max(lo, 0), min(hi, nz)
+        if a < b:
+            out[a - lo : b - lo] = self.values[a:b]
+        return out
+
+
+@dataclass(frozen=True)
+class SparseVolume:
+    """Intensity of the voxels that are not empty: ``index`` (flat in C order of (z, y, x), ascending), ``values`` float32."""
+
+    grid: VoxelGrid
+    index: NDArray[np.uint32]
+    values: NDArray[np.float32]
+
+    @property
+    def occupancy(self) -> float:
+        """Share of the grid's voxels that the list holds."""
+        return self.index.size / self.grid.size
+
+    def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
+        nz, ny, nx = self.grid.shape
+        out = np.zeros((hi - lo, ny, nx), np.float32)
+        a, b = np.searchsorted(self.index, np.array([max(lo, 0), max(min(hi, nz), 0)], np.int64) * (ny * nx))
+        out.reshape(-1)[self.index[a:b].astype(np.int64) - lo * ny * nx] = self.values[a:b]
+        return out
+
+    def dense(self) -> DenseVolume:
+        """The same volume with every voxel stored."""
+        return DenseVolume(self.grid, self.slab(0, self.grid.shape[0]))
