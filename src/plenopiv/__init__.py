@@ -1,1 +1,39 @@
-"""PlenoPIV: from raw plenoptic images to a velocity field."""
+"""PlenoPIV: from raw images of one plenoptic camera to a volumetric velocity field.
+
+The same as ``plenopiv run experiment.toml``, in Python:
+
+    import plenopiv
+
+    experiment = plenopiv.load("experiment.toml")
+    result = plenopiv.run(experiment)
+    print(result.velocity.w.max(), result.summary["replaced_share"])
+
+The chain, each stage a room of its own: recording -> lightfield -> reconstruction (volume) -> displacement -> velocity.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0.dev0"
+__all__ = ["PlenoPIVError", "PlenoPIVWarning", "load", "run"]
+
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+
+if TYPE_CHECKING:
+    from plenopiv.experiment import Experiment
+    from plenopiv.run.pair import RunResult
+
+
+def load(path: str) -> Experiment:
+    """Read an experiment file; see ``plenopiv.experiment.Experiment``."""
+    from plenopiv.experiment import Experiment  # here: importing plenopiv stays fast
+
+    return Experiment.load(path)
+
+
+def run(experiment: Experiment, **options: Any) -> RunResult:
+    """Run an experiment from raw images to a results folder; see ``plenopiv.run.pair.run``."""
+    from plenopiv.run.pair import run as run_pair
+
+    return run_pair(experiment, **options)

@@ -42,7 +42,9 @@ class Sensor:
     def plane_from_pixel(self, column: ArrayLike, row: ArrayLike) -> tuple[NDArray, NDArray]:
         """(s, t) in mm on the sensor of (column, row) in an upright image."""
         c0, r0 = self.axis
-        return (c0 - np.asarray(column, float)) * self.pixel_pitch_mm, (np.asarray(row, float) - r0) * self.pixel_pitch_mm
+        return (c0 - np.asarray(column, float)) * self.pixel_pitch_mm, (
+            np.asarray(row, float) - r0
+        ) * self.pixel_pitch_mm
 
     def pixel_from_plane(self, s_mm: ArrayLike, t_mm: ArrayLike) -> tuple[NDArray, NDArray]:
         """(column, row) in an upright image of (s, t) in mm on the sensor."""

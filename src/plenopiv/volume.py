@@ -73,22 +73,50 @@ class DenseVolume:
 
 @dataclass(frozen=True)
 class SparseVolume:
-    """Intensity of the voxels that are not empty: ``index`` (flat in C order of (z, y, x), ascending), ``values`` float32."""
+    """Intensity of the voxels that are not empty, row by row (compressed rows, 6 bytes a voxel).
+
+    Row ``r = k * ny + j`` holds the voxels ``row_start[r]`` to ``row_start[r + 1]`` (int64); ``column`` is their index
+    along x (uint16, ascending within a row), ``values`` their intensity (float32).
+    """
 
     grid: VoxelGrid
-    index: NDArray[np.uint32]
+    row_start: NDArray[np.int64]
+    column: NDArray[np.uint16]
     values: NDArray[np.float32]
+
+    @classmethod
+    def from_mask(cls, grid: VoxelGrid, mask: NDArray[np.bool_], value: float = 1.0) -> SparseVolume:
+        """The voxels where ``mask`` (nz, ny, nx) is True, all of one intensity."""
+        nz, ny, nx = grid.shape
+        rows = mask.reshape(nz * ny, nx)
+        start = np.zeros(nz * ny + 1, np.int64)
+        np.cumsum(np.count_nonzero(rows, axis=1), out=start[1:])
+        column = (np.flatnonzero(rows) % nx).astype(np.uint16)
+        return cls(grid, start, column, np.full(column.size, value, np.float32))
 
     @property
     def occupancy(self) -> float:
         """Share of the grid's voxels that the list holds."""
-        return self.index.size / self.grid.size
+        return self.column.size / self.grid.size
+
+    def with_values(self, values: NDArray[np.float32]) -> SparseVolume:
+        """The same voxels with other intensities."""
+        return SparseVolume(self.grid, self.row_start, self.column, values)
+
+    def keeping(self, keep: NDArray[np.bool_]) -> SparseVolume:
+        """Only the listed voxels where ``keep`` (one entry a listed voxel) is True."""
+        count = np.concatenate([[0], np.cumsum(keep)]).astype(np.int64)
+        return SparseVolume(self.grid, count[self.row_start], self.column[keep], self.values[keep])
 
     def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
         nz, ny, nx = self.grid.shape
         out = np.zeros((hi - lo, ny, nx), np.float32)
-        a, b = np.searchsorted(self.index, np.array([max(lo, 0), max(min(hi, nz), 0)], np.int64) * (ny * nx))
-        out.reshape(-1)[self.index[a:b].astype(np.int64) - lo * ny * nx] = self.values[a:b]
+        a, b = max(lo, 0), max(min(hi, nz), 0)
+        if a < b:
+            start = self.row_start[a * ny : b * ny + 1]
+            row = np.repeat(np.arange((a - lo) * ny, (b - lo) * ny), np.diff(start))
+            listed = slice(start[0], start[-1])
+            out.reshape(-1, nx)[row, self.column[listed]] = self.values[listed]
         return out
 
     def dense(self) -> DenseVolume:

@@ -1,0 +1,156 @@
+"""A calibrated microlens lattice, how well it fits, and the small TOML file that keeps both."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from dataclasses import dataclass
+from math import degrees, isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plenopiv.errors import PlenoPIVError
+from plenopiv.lattice import Lattice
+
+
+@dataclass(frozen=True)
+class LatticeFit:
+    """The lattice of the microlenses and how well it fits. Residuals are measured minus fitted micro-image centres.
+
+    ``lattice`` is that of the microlenses, in mm on the microlens plane; their images are ``image_pitch_px`` apart.
+    ``residual_px`` is the RMS and ``worst_px`` the 99.9th percentile of the residuals' lengths, shot noise included.
+    ``residual_map_px[row][column]`` is the length of the mean residual in blocks of the upright image (NaN where no
+    micro-image was measured): noise averages out in it, distortion stays. ``stretch`` and ``shear_rad`` are what an
+    affine map would add to the fitted similarity: by how much, relatively, the spacing along the rows exceeds that
+    across them, and by how much the angle between the two falls short of a right angle. Both are zero for a regular
+    array parallel to the sensor. ``microlenses`` were used, ``rejected`` were not (dust, dead, dark).
+    """
+
+    lattice: Lattice
+    image_pitch_px: float
+    residual_px: float
+    worst_px: float
+    residual_map_px: tuple[tuple[float, ...], ...]
+    stretch: float
+    shear_rad: float
+    microlenses: int
+    rejected: int
+
+    @property
+    def rotation_deg(self) -> float:
+        """Rotation of the rows from s, counter-clockwise in (s, t): in (-30, 30] if hexagonal, (-45, 45] if square."""
+        return degrees(self.lattice.rotation_rad)
+
+    @property
+    def offset_mm(self) -> tuple[float, float]:
+        """Centre (s, t) on the microlens plane of the lens nearest to the optical axis."""
+        return self.lattice.offset_mm
+
+    @property
+    def worst_region_px(self) -> float:
+        """The largest mean residual of a region."""
+        return float(np.nanmax(self.residual_map_px))
+
+
+def save_lattice(fit: LatticeFit, path: str | Path) -> None:
+    """Write a fit as TOML. The file is written aside and renamed: it is whole or not there.
+
+    Raises ``PlenoPIVError`` where the file cannot be written.
+    """
+    path, lattice = Path(path), fit.lattice
+    blocks = ",\n".join("    [" + ", ".join(repr(x) for x in row) + "]" for row in fit.residual_map_px)
+    text = f"""\
+# Microlens lattice from a white image.
+# (s, t) on the microlens plane, origin on the optical axis: in an upright image columns grow with -s, rows with +t.
+
+[lattice]
+kind = "{lattice.kind}"
+pitch_mm = {lattice.pitch_mm!r}
+rotation_rad = {lattice.rotation_rad!r}  # {fit.rotation_deg:.6f} degrees, counter-clockwise in (s, t)
+offset_mm = [{lattice.offset_mm[0]!r}, {lattice.offset_mm[1]!r}]  # lens nearest to the axis
+
+[fit]
+image_pitch_px = {fit.image_pitch_px!r}
+residual_px = {fit.residual_px!r}  # RMS
+worst_px = {fit.worst_px!r}  # 99.9th percentile
+stretch = {fit.stretch!r}
+shear_rad = {fit.shear_rad!r}
+microlenses = {fit.microlenses}
+rejected = {fit.rejected}
+residual_map_px = [  # mean residual by regions of the upright image
+{blocks},
+]
+"""
+    aside = path.with_name(path.name + ".part")
+    try:
+        aside.write_text(text, encoding="utf-8")
+        os.replace(aside, path)
+    except OSError as error:
+        raise PlenoPIVError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
+
+
+def load_lattice(path: str | Path) -> LatticeFit:
+    """Read what ``save_lattice`` wrote.
+
+    Raises ``PlenoPIVError`` where the file is missing, is no TOML, or lacks a key or holds a senseless value.
+    """
+    way_out = "make it anew with: plenopiv calibrate"
+    try:
+        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise PlenoPIVError(f"{path}: cannot be read ({error.strerror}): {way_out}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise PlenoPIVError(f"{path}: is no lattice file ({error}): {way_out}") from error
+
+    def fail(key: str) -> PlenoPIVError:
+        return PlenoPIVError(f"{path}: {key} is missing or senseless in this lattice file: {way_out}")
+
+    def number(section: str, key: str, low: float = -float("inf")) -> float:
+        value = _table(data, section).get(key)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or value < low:
+            raise fail(f"{section}.{key}")
+        return value
+
+    kind: Any = _table(data, "lattice").get("kind")
+    offset: Any = _table(data, "lattice").get("offset_mm")
+    if kind not in ("square", "hexagonal"):
+        raise fail("lattice.kind")
+    if not _is_numbers(offset) or len(offset) != 2 or not all(isfinite(x) for x in offset):
+        raise fail("lattice.offset_mm")
+    rows = _table(data, "fit").get("residual_map_px")
+    if not isinstance(rows, list) or not rows or not all(_is_numbers(row) and len(row) == len(rows[0]) for row in rows):
+        raise fail("fit.residual_map_px")
+    smallest = 1e-6  # of a pitch
+    return LatticeFit(
+        lattice=Lattice(
+            kind,
+            number("lattice", "pitch_mm", smallest),
+            number("lattice", "rotation_rad"),
+            (float(offset[0]), float(offset[1])),
+        ),
+        image_pitch_px=number("fit", "image_pitch_px", smallest),
+        residual_px=number("fit", "residual_px", 0.0),
+        worst_px=number("fit", "worst_px", 0.0),
+        residual_map_px=tuple(tuple(float(x) for x in row) for row in rows),
+        stretch=number("fit", "stretch"),
+        shear_rad=number("fit", "shear_rad"),
+        microlenses=int(number("fit", "microlenses", 1)),
+        rejected=int(number("fit", "rejected", 0)),
+    )
+
+
+def _table(data: dict[str, Any], section: str) -> dict[str, Any]:
+    """A section of the file; an empty one where it is missing."""
+    table = data.get(section)
+    return table if isinstance(table, dict) else {}
+
+
+def _is_numbers(value: Any) -> bool:
+    """Whether a value is a list of numbers, with at least one."""
+    return (
+        isinstance(value, list)
+        and bool(value)
+        and all(isinstance(x, int | float) and not isinstance(x, bool) for x in value)
+    )

@@ -1,0 +1,54 @@
+"""Which part of a volume the views of a plenoptic camera see.
+
+A point (x, z) sends the ray through ``u`` on the main lens to s = A(z) u + B(z) x on the microlens plane (Eqs. 1-3).
+With R the radius of the main lens' aperture and W half the width of the sensor seen from the microlens plane:
+
+    every view sees it where |B x| + |A| R <= W         (and the same for y)
+    no view sees it where the disc of radius |A| R about (B x, B y) misses the sensor
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plenopiv.cameras.plenoptic import PlenopticCamera
+
+
+class Coverage(NamedTuple):
+    """Shares of a volume, 0 to 1: seen by every view, and by no view at all."""
+
+    every_view: float
+    no_view: float
+
+
+def half_sensor_mm(camera: PlenopticCamera) -> tuple[float, float]:
+    """Half the sensor's width and height in mm, projected through the main lens' centre onto the microlens plane."""
+    half = 0.5 * camera.sensor.pixel_pitch_mm / (1.0 + camera.image_scale)
+    return half * camera.sensor.columns, half * camera.sensor.rows
+
+
+def seen_by_every_view_mm(camera: PlenopticCamera, z_mm: ArrayLike) -> tuple[NDArray, NDArray]:
+    """Largest |x| and |y| in mm that every view sees at depths z, same shape as ``z_mm``; negative where nothing is."""
+    blur = np.abs(camera.spread(z_mm)) * 0.5 * camera.main_lens.aperture_mm
+    demagnified = 1.0 / np.abs(camera.scale(z_mm))
+    half_x, half_y = half_sensor_mm(camera)
+    return (half_x - blur) * demagnified, (half_y - blur) * demagnified
+
+
+def coverage(camera: PlenopticCamera, limits_mm, samples: int = 41) -> Coverage:
+    """Shares of the volume between ``limits_mm`` = ((x lo, hi), (y lo, hi), (z lo, hi)), from samples^3 points.
+
+    The points include the volume's corners; all must lie in front of the main lens (z < S_o).
+    """
+    x, y, z = (np.linspace(lo, hi, samples) for lo, hi in limits_mm)
+    blur = np.abs(camera.spread(z))[:, None, None] * 0.5 * camera.main_lens.aperture_mm
+    magnified = np.abs(camera.scale(z))[:, None, None]
+    half_x, half_y = half_sensor_mm(camera)
+    outside_x = magnified * np.abs(x)[None, None, :] - half_x
+    outside_y = magnified * np.abs(y)[None, :, None] - half_y
+    every = (outside_x + blur <= 0) & (outside_y + blur <= 0)
+    none = np.hypot(np.maximum(outside_x, 0), np.maximum(outside_y, 0)) > blur
+    return Coverage(float(every.mean()), float(none.mean()))

@@ -1,0 +1,12 @@
+"""The command line: ``plenopiv init | simulate | calibrate | run | info | demo``.
+
+app.py        the commands, their options and help; imports nothing heavy
+messages.py   errors and warnings in one line each, exit codes
+progress.py   bars on a terminal, plain lines elsewhere
+one module for the body of each command
+"""
+
+from plenopiv.cli.app import app
+from plenopiv.cli.messages import main
+
+__all__ = ["app", "main"]

@@ -1,0 +1,171 @@
+"""The commands and their help. Each imports its body when it is called, so that ``--help`` loads nothing heavy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
+
+ExperimentFile = Annotated[Path, typer.Argument(metavar="EXPERIMENT", help="The experiment file (.toml).")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is already there.")]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"plenopiv {version('plenopiv')}")
+        raise typer.Exit
+
+
+@app.callback()
+def plenopiv_command(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and leave.")
+    ] = False,
+) -> None:
+    """From raw images of one plenoptic camera to a 3D velocity field.
+
+    A recording is a folder of TIFF images: one white image and two or more frames. One experiment file describes the
+    camera and says what to do; lengths are in mm, times in s. From images to vectors:
+
+    \b
+        plenopiv init run7 optics.json       draft run7/experiment.toml, every key explained
+        plenopiv info run7/experiment.toml   what this camera can see, and what the run will need
+        plenopiv run run7/experiment.toml    velocity.nc, summary.json and report.html in run7/results
+
+    No recording at hand? See the whole chain on a synthetic one, scored against the truth, in a minute or two:
+
+    \b
+        plenopiv demo
+
+    Mistakes in the input end with one line and exit code 2; warnings are one line each and do not stop a run.
+    """
+
+
+@app.command()
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where the images are.")],
+    sheet: Annotated[Path, typer.Argument(metavar="OPTICS_SHEET", help="What is known of the camera: JSON or TOML.")],
+    overwrite: Overwrite = False,
+) -> None:
+    """Draft FOLDER/experiment.toml from a folder of images and an optics sheet.
+
+    The white image is found by its name (white*, calib*, flat*); all other TIFF files are frames, in natural order.
+    Volume and voxels are suggested from the optics; each key is explained in the file. An optics sheet looks so:
+
+    \b
+        {"main_lens": {"focal_length_mm": 50, "aperture_mm": 25, "magnification": -1},
+         "microlens_array": {"lattice": "hexagonal", "pitch_mm": 0.077, "focal_length_mm": 0.308},
+         "sensor": {"columns": 6600, "rows": 4400, "pixel_pitch_mm": 0.0055, "bits": 12, "black_level": 60},
+         "recording": {"orientation": "upright", "dt_s": 0.0005},
+         "seeding": {"depth_mm": [-4, 4]}}
+
+    \b
+    Example:
+        plenopiv init run7 optics.json
+    """
+    from plenopiv.cli.init import init
+
+    typer.echo(init(folder, sheet, overwrite))
+
+
+@app.command()
+def simulate(
+    experiment: ExperimentFile,
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where the recording goes.")],
+    overwrite: Overwrite = False,
+) -> None:
+    """Make a synthetic recording of the camera in EXPERIMENT, with the truth beside it.
+
+    The experiment file needs a [simulation] table that names a flow:
+
+    \b
+        [simulation]
+        flow = "vortex-ring"
+        parameters = { circulation_mm2_s = 1500.0, radius_mm = 2.0 }
+        particles_per_microlens = 1.0
+
+    \b
+    Example:
+        plenopiv simulate experiment.toml synthetic
+        plenopiv run synthetic/experiment.toml
+    """
+    from plenopiv.cli.simulate import simulate
+
+    typer.echo(simulate(experiment, folder, overwrite))
+
+
+@app.command()
+def calibrate(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
+    """Find the microlenses in the white image; print and save the lattice.
+
+    A run does this by itself; calibrate first to see whether the white image is good. The residual says how far
+    micro-images lie from a regular lattice: a few hundredths of a pixel are usual, tenths deserve a look.
+
+    \b
+    Example:
+        plenopiv calibrate run7/experiment.toml
+    """
+    from plenopiv.cli.calibrate import calibrate
+
+    typer.echo(calibrate(experiment, overwrite))
+
+
+@app.command()
+def run(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
+    """From raw images to velocity: calibrate, reconstruct, correlate, report.
+
+    Writes velocity.nc (u, v, w in m/s on x, y, z in mm), summary.json, the resolved experiment file and report.html
+    into the output folder, all together at the end: a run that fails leaves nothing behind. A complete run is not
+    replaced without --overwrite.
+
+    \b
+    Example:
+        plenopiv run run7/experiment.toml
+        python -c "import xarray; print(xarray.open_dataset('run7/results/velocity.nc'))"
+    """
+    from plenopiv.cli.run import run
+
+    typer.echo(run(experiment, overwrite))
+
+
+@app.command()
+def info(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A .toml, .nc or .tif file.")],
+) -> None:
+    """Say what a file holds. For an experiment: camera, field of view by depth, voxels, memory, warnings.
+
+    \b
+    Example:
+        plenopiv info run7/experiment.toml
+        plenopiv info run7/results/velocity.nc
+    """
+    from plenopiv.cli.info import info
+
+    typer.echo(info(file))
+
+
+@app.command()
+def demo(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where everything goes.")] = Path("plenopiv-demo"),
+    overwrite: Overwrite = False,
+) -> None:
+    """Simulate a small recording of a known flow, measure it, and score the result against the truth.
+
+    \b
+    Example:
+        plenopiv demo
+        plenopiv demo /tmp/demo --overwrite
+    """
+    from plenopiv.cli.demo import demo
+
+    typer.echo(demo(folder, overwrite))

@@ -1,0 +1,124 @@
+"""``plenopiv info``: what an experiment file, a velocity file or an image holds, as plain text."""
+
+from __future__ import annotations
+
+import warnings
+from math import prod
+from pathlib import Path
+
+import numpy as np
+
+from plenopiv.cameras.coverage import seen_by_every_view_mm
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.experiment import Experiment
+
+Lines = list[tuple[str, str]]
+
+
+def info(file: Path) -> str:
+    """A few lines about a file.
+
+    Raises:
+        PlenoPIVError: the file is missing, damaged or of no kind that is known.
+    """
+    readers = {".toml": _experiment, ".nc": _velocity, ".tif": _image, ".tiff": _image}
+    reader = readers.get(file.suffix.lower())
+    if reader is None:
+        raise PlenoPIVError(f"{file}: info reads experiment files (.toml), velocity fields (.nc) and images (.tif)")
+    lines = reader(file)
+    width = max(len(name) for name, _ in lines)
+    return "\n".join(f"{name:<{width}}  {text}" for name, text in lines)
+
+
+def camera_lines(camera: PlenopticCamera) -> Lines:
+    """The camera in the terms of the field."""
+    lens, sensor, lattice = camera.main_lens, camera.sensor, camera.lattice
+    near, far = camera.dead_zone_mm()
+    return [
+        (
+            "main lens",
+            f"f = {lens.focal_length_mm:g} mm, aperture {lens.aperture_mm:.4g} mm, M = {lens.magnification:g}; "
+            f"S_o = {lens.object_distance_mm:.4g} mm, S_i = {lens.image_distance_mm:.4g} mm",
+        ),
+        (
+            "microlenses",
+            f"{lattice.kind}, pitch {1e3 * lattice.pitch_mm:.4g} um, f_l = "
+            f"{1e3 * camera.microlens_focal_length_mm:.4g} um; "
+            f"micro-images every {camera.image_pitch_px:.3f} px",
+        ),
+        (
+            "sensor",
+            f"{sensor.columns} x {sensor.rows} px of {1e3 * sensor.pixel_pitch_mm:g} um, {sensor.bit_depth} bits, "
+            f"black level {sensor.black_level:g}",
+        ),
+        ("PMR", f"{camera.pixels_per_microlens:.2f} pixels per microlens"),
+        (
+            "f-numbers",
+            f"main lens f/{lens.image_distance_mm / lens.aperture_mm:.3g} on the image side, microlenses "
+            f"f/{camera.microlens_focal_length_mm / lattice.pitch_mm:.3g}; matched at an aperture of "
+            f"{camera.matched_aperture_mm:.4g} mm",
+        ),
+        ("dead zone", f"z from {near:.3g} to {far:.3g} mm: there a point's depth may leave no trace"),
+    ]
+
+
+def _experiment(file: Path) -> Lines:
+    experiment = Experiment.load(file)
+    camera, grid = experiment.camera(), experiment.grid()
+    lines = camera_lines(camera)
+    lo, hi = experiment.volume.z_mm
+    for z in sorted({lo, 0.0, hi}) if lo < 0 < hi else (lo, hi):
+        x, y = (2 * max(float(side), 0.0) for side in seen_by_every_view_mm(camera, z))
+        lines.append((f"field at z = {z:g}", f"{x:.4g} x {y:.4g} mm seen by every view"))
+    nz, ny, nx = grid.shape
+    sides = " x ".join(f"{1e3 * d:.4g}" for d in grid.voxel_mm)
+    lines.append(("volume", f"{nx} x {ny} x {nz} = {grid.size / 1e6:.3g} million voxels of {sides} um"))
+    lines.append(("memory", f"{4 * grid.size / 2**30:.2g} GiB for one dense volume, float32"))
+    windows = experiment.correlation.windows
+    last = windows[-1]
+    spacing = [1e3 * d * n * (1 - experiment.correlation.overlap) for d, n in zip(grid.voxel_mm, last, strict=True)]
+    lines.append(("windows", " -> ".join(" x ".join(map(str, window)) for window in windows) + " voxels"))
+    lines.append(("vectors", "every " + " x ".join(f"{d:.3g}" for d in spacing) + " um"))
+    table = experiment.recording_table
+    try:
+        lines.append(("frames", f"{len(experiment.recording())}, {table.dt_s:g} s apart, stored {table.orientation}"))
+    except PlenoPIVError as error:
+        lines.append(("frames", f"not usable yet: {error}"))
+    for warning in experiment.warnings():
+        warnings.warn(f"{file}: {warning}", PlenoPIVWarning, stacklevel=2)
+    return lines
+
+
+def _velocity(file: Path) -> Lines:
+    from plenopiv.io.netcdf import read_velocity
+
+    dataset = read_velocity(file)
+    sizes = dataset.sizes
+    vectors = prod(sizes[name] for name in ("time", "z", "y", "x"))
+    valid = dataset["valid"].values == 1
+    lines = [
+        ("vectors", f"{sizes['x']} x {sizes['y']} x {sizes['z']} at {sizes['time']} time(s), {vectors} in all"),
+        ("valid", f"{100 * valid.mean():.1f} % measured, the rest replaced"),
+    ]
+    for axis in "xyz":
+        at = dataset[axis].values
+        lines.append((f"{axis}", f"{at.min():.4g} to {at.max():.4g} mm"))
+    for name in "uvw":
+        value = dataset[name].values[valid]
+        if value.size:
+            lines.append((name, f"{value.min():+.4g} to {value.max():+.4g} m/s, mean {value.mean():+.4g}"))
+    return lines
+
+
+def _image(file: Path) -> Lines:
+    from plenopiv.recording import read_image
+
+    counts = read_image(file)
+    rows, columns = counts.shape
+    low, middle, high = np.percentile(counts, (1, 50, 99.9))
+    return [
+        ("size", f"{columns} x {rows} px (columns x rows), {counts.dtype}"),
+        ("counts", f"{counts.min()} to {counts.max()}; 1 %: {low:.0f}, median {middle:.0f}, 99.9 %: {high:.0f}"),
+        ("at maximum", f"{100 * np.mean(counts == counts.max()):.2g} % of the pixels"),
+    ]

@@ -1,0 +1,85 @@
+"""The entry point: what goes wrong is one line on stderr and an exit code, never a traceback.
+
+Exit codes: 0 done (perhaps with warnings), 2 an input cannot be used, 130 interrupted, 143 terminated.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import NoReturn
+
+from plenopiv.cli.app import app
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command line (``sys.argv`` by default) and return its exit code."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    with _warnings_in_one_line(), _terminated_like_interrupted():
+        try:
+            code = app(args=given or ["--help"], prog_name="plenopiv", standalone_mode=False)
+        except PlenoPIVError as error:
+            return _fail(str(error))
+        except BrokenPipeError:  # the reader of our output went away
+            sys.stdout = None  # type: ignore[assignment]
+            return 1
+        except MemoryError as error:
+            return _fail(f"not enough memory ({error or 'out of memory'}); use larger voxels or a smaller volume")
+        except OSError as error:
+            return _fail(f"{error.filename or 'input or output'}: {error.strerror or error}")
+        except KeyboardInterrupt:
+            code = 130
+        except Exception as error:
+            usage = getattr(error, "format_message", None)  # a usage error of the command line
+            if usage is None:
+                raise
+            context = getattr(error, "ctx", None)
+            return _fail(f"{usage().rstrip('.')}; see {context.command_path if context else 'plenopiv'} --help")
+    if code == 130:
+        print("plenopiv: interrupted; nothing was written", file=sys.stderr)
+    return code if isinstance(code, int) else 0
+
+
+def _fail(message: str) -> int:
+    print(f"plenopiv: error: {' '.join(message.split())}", file=sys.stderr)
+    return 2
+
+
+@contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    """Print a PlenoPIVWarning as one line, once for each text; leave other libraries' warnings as they are."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", PlenoPIVWarning)
+        usual, said = warnings.showwarning, set()
+
+        def show(message, category, filename, lineno, file=None, line=None):
+            if not issubclass(category, PlenoPIVWarning):
+                usual(message, category, filename, lineno, file, line)
+            elif str(message) not in said:
+                said.add(str(message))
+                print(f"plenopiv: warning: {' '.join(str(message).split())}", file=sys.stderr)
+
+        warnings.showwarning = show
+        yield
+
+
+@contextmanager
+def _terminated_like_interrupted() -> Iterator[None]:
+    """Let SIGTERM unwind the stack, so that half-written files are removed."""
+
+    def stop(number: int, frame: object) -> NoReturn:
+        raise SystemExit(128 + number)
+
+    if threading.current_thread() is not threading.main_thread():  # only there may signals be set
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,28 @@
+"""The one type of this stage: displacements in voxels on a grid of interrogation windows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class DisplacementField:
+    """Displacement from the first volume to the second, in voxels, at mid-time positions.
+
+    ``z``, ``y``, ``x``: window centres as voxel indices (the centre of voxel k is k), float64, ascending.
+    ``displacement``: (3, nz, ny, nx) float64, components dx, dy, dz, after validation and replacement; finite.
+    ``raw``: the same as the last pass measured it, before any replacement; 0 where a window held no light.
+    ``valid``: (nz, ny, nx), True = measured, False = replaced from neighbours.
+    ``peak_ratio``: (nz, ny, nx) float32, highest correlation peak over the second highest; 0 without a peak.
+    """
+
+    z: NDArray[np.float64]
+    y: NDArray[np.float64]
+    x: NDArray[np.float64]
+    displacement: NDArray[np.float64]
+    raw: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+    peak_ratio: NDArray[np.float32]

@@ -1,0 +1,178 @@
+"""The multi-grid loop: correlate, validate, deform, with ever smaller windows."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.displacement.correlation import WindowCorrelator
+from plenopiv.displacement.deformation import SPLINE_VARIANCE, DeformedPlanes
+from plenopiv.displacement.field import DisplacementField
+from plenopiv.displacement.peaks import find_peaks
+from plenopiv.displacement.predictor import SplineField, fit_spline, smooth_predictor
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.validation import find_outliers, replace
+from plenopiv.displacement.windows import WindowGrid, window_grid
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.volume import Volume, VoxelGrid
+
+_BATCH_VOXELS = 1 << 18  # windows of a batch and their spectra stay in a core's cache
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class PassResult:
+    """What one pass measured: ``displacement`` (3, nz, ny, nx) voxels, ``found`` and ``peak_ratio`` (nz, ny, nx)."""
+
+    displacement: NDArray[np.float64]
+    found: NDArray[np.bool_]
+    peak_ratio: NDArray[np.float32]
+
+
+def correlation_pass(
+    a: Volume,
+    b: Volume,
+    windows: WindowGrid,
+    predictor: SplineField | None,
+    settings: CorrelationSettings,
+    search: float,
+    step_done: Callable[[int, int], None] | None = None,
+) -> PassResult:
+    """Correlate all windows of two volumes once.
+
+    ``predictor``: displacement by which the volumes are deformed first; the result is its value at the window centres
+    plus what the correlation finds. None: volumes as they are. ``settings``: smoothing, taper, whitening and intensity
+    exponent. ``search``: largest displacement to find, as a share of the window. One layer of windows is in memory at
+    a time; results do not depend on the number of threads (Numba's, ``NUMBA_NUM_THREADS``).
+    """
+    size = windows.size
+    radius = tuple(max(1, min(round(search * n), n // 2 - 2)) for n in size)
+    done = 0.0 if predictor is None else SPLINE_VARIANCE
+    variance = max(settings.smoothing_voxels**2 - done, 0.0)
+    correlator = WindowCorrelator(size, radius, variance, settings.whitening, settings.taper_voxels)  # type: ignore[arg-type]
+    nz, ny, nx = windows.shape
+    found = np.zeros((nz, ny * nx), bool)
+    ratio = np.zeros((nz, ny * nx), np.float32)
+    moved = np.zeros((nz, ny * nx, 3))
+    corners = list(product(windows.starts[1].tolist(), windows.starts[2].tolist()))
+    batch = max(1, _BATCH_VOXELS // int(np.prod(size)))
+    exponent = settings.intensity_exponent
+    if exponent != 1.0:
+        a, b = CompressedVolume(a.grid, a, exponent), CompressedVolume(b.grid, b, exponent)
+    sources = (a, b) if predictor is None else (DeformedPlanes(a, predictor, -0.5), DeformedPlanes(b, predictor, 0.5))
+    layers = zip(_layers(sources[0], windows), _layers(sources[1], windows), strict=True)
+
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+        for layer, (planes_a, planes_b) in enumerate(layers):
+
+            def work(lo: int, layer: int = layer, pa: NDArray = planes_a, pb: NDArray = planes_b) -> None:
+                part = slice(lo, min(lo + batch, len(corners)))
+                cut_a, cut_b = (
+                    np.stack([p[:, j : j + size[1], i : i + size[2]] for j, i in corners[part]]) for p in (pa, pb)
+                )
+                find_peaks(correlator(cut_a, cut_b), moved[layer, part], ratio[layer, part], found[layer, part])
+                # one bright voxel against rounding of an empty window is not a match
+                lit = (np.ptp(cut_a, axis=(1, 2, 3)) > 0) & (np.ptp(cut_b, axis=(1, 2, 3)) > 0)
+                found[layer, part] &= lit
+                moved[layer, part][~lit] = 0.0
+                ratio[layer, part][~lit] = 0.0
+
+            list(pool.map(work, range(0, len(corners), batch)))
+            if step_done is not None:
+                step_done(layer + 1, nz)
+    displacement = np.moveaxis(moved.reshape(nz, ny, nx, 3), -1, 0)
+    if predictor is not None:
+        displacement = displacement + predictor.at(*windows.centres)
+    return PassResult(displacement, found.reshape(nz, ny, nx), ratio.reshape(nz, ny, nx))
+
+
+@dataclass
+class CompressedVolume:
+    """A volume whose intensities are raised to a power as they are read; negative ones count as none."""
+
+    grid: VoxelGrid
+    volume: Volume
+    exponent: float
+
+    def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
+        """Planes lo <= k < hi, compressed."""
+        planes = np.maximum(self.volume.slab(lo, hi), np.float32(0.0))
+        return np.sqrt(planes) if self.exponent == 0.5 else planes ** np.float32(self.exponent)
+
+
+def _layers(source: Volume | DeformedPlanes, windows: WindowGrid) -> Iterator[NDArray[np.float32]]:
+    """The planes of each layer of windows in turn; planes that two layers share are made once."""
+    depth, step = windows.size[0], windows.step[0]
+    planes = None
+    for start in windows.starts[0].tolist():
+        if planes is None or step >= depth:
+            planes = np.concatenate(
+                [source.slab(lo, min(lo + step, start + depth)) for lo in range(start, start + depth, step)]
+            )
+        else:
+            planes[: depth - step] = planes[step:].copy()
+            planes[depth - step :] = source.slab(start + depth - step, start + depth)
+        yield planes
+
+
+def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progress | None = None) -> DisplacementField:
+    """Displacement field from volume ``a`` to volume ``b``, in voxels.
+
+    Passes run from the coarsest windows to the finest (Scarano & Riethmuller 2000; in 3D Elsinga et al. 2006); vectors
+    are validated after each. ``progress``: called as (what, done, total). Warns when particles move more than a quarter
+    of the first window; raises ``PlenoPIVError`` when the volumes differ in grid, windows do not fit, or nothing is
+    found.
+    """
+    if a.grid != b.grid:
+        raise PlenoPIVError(
+            f"correlation: the volumes differ in grid: {a.grid} and {b.grid}; reconstruct both on the same one"
+        )
+    shape = a.grid.shape
+    grids = [window_grid(shape, size, settings.overlap) for size in settings.windows]
+    plan = [
+        grid for grid in grids for _ in range(settings.fine_passes if grid is grids[-1] else settings.coarse_passes)
+    ]
+    predictor: SplineField | None = None
+    for number, windows in enumerate(plan, 1):
+        name = f"correlation pass {number} of {len(plan)}"
+        result = correlation_pass(
+            a,
+            b,
+            windows,
+            predictor,
+            settings,
+            settings.search if windows is not grids[-1] or predictor is None else settings.residual_search,
+            None if progress is None else lambda done, total, name=name: progress(name, done, total),  # type: ignore[misc]
+        )
+        outlier = find_outliers(
+            result.displacement, result.found, settings.outlier_threshold, settings.outlier_floor_voxels
+        )
+        valid = result.found & ~outlier
+        displacement = replace(result.displacement, valid)
+        if number < len(plan):
+            smooth = smooth_predictor(displacement, settings.overlap) if settings.filter_predictor else displacement
+            predictor = fit_spline(smooth, windows.centres, shape)
+    _warn_if_far(displacement, valid, settings)
+    z, y, x = plan[-1].centres
+    return DisplacementField(z, y, x, displacement, result.displacement, valid, result.peak_ratio)
+
+
+def _warn_if_far(displacement: NDArray, valid: NDArray, settings: CorrelationSettings) -> None:
+    """A window that loses more than a quarter of its particles finds wrong peaks (Keane & Adrian 1992)."""
+    for component, name, n in zip(displacement, "xyz", settings.windows[0], strict=True):
+        largest = float(np.abs(component[valid]).max())
+        if largest > n / 4:
+            warnings.warn(
+                f"correlation.windows: displacement along {name} reaches {largest:.1f} voxels, more than a quarter of"
+                f" the first window ({n}); start with a window of at least {4 * largest:.0f}",
+                PlenoPIVWarning,
+                stacklevel=3,
+            )

@@ -1,0 +1,75 @@
+"""What the user may choose about the correlation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from plenopiv.errors import PlenoPIVError
+
+Size = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class CorrelationSettings:
+    """Multi-grid cross-correlation with window deformation; lengths in voxels, sizes along x, y, z.
+
+    ``windows``: interrogation windows, coarse to fine. ``overlap``: share of a window that the next one covers again.
+    ``coarse_passes``, ``fine_passes``: passes with each coarse window size and with the last one. All but the very
+    first pass deform the volumes by the displacement known so far.
+    ``smoothing_voxels``: sigma of the Gaussian that both volumes see before correlation; blobs of one or two voxels
+    lock peaks to whole voxels without it. Deformed volumes never see less than 0.58, the sigma of the spline.
+    ``taper_voxels``: windows fade over so many of their outermost voxels; particles cut by the border pull toward zero.
+    ``intensity_exponent``: intensities are raised to this power first. Correlation weighs a particle by the square of
+    its brightness; 0.5 lets many moderate particles count instead of a few bright ones.
+    ``whitening``: exponent of symmetric phase-only filtering (Wernet 2005): 0 = plain correlation, 1 = phases alone.
+    ``search``: largest displacement that a pass may find, as a share of the window along each axis; the last window
+    size looks for what remains within ``residual_search``.
+    ``outlier_threshold``, ``outlier_floor_voxels``: normalised median test, Westerweel & Scarano (2005): a vector is
+    an outlier when it differs from the median of its neighbours by more than threshold x (median residual + floor).
+    ``filter_predictor``: whether the displacement that deforms the volumes passes a filter that removes what alternates
+    from window to window (the last pass is never filtered).
+
+    Raises ``PlenoPIVError`` for values out of range.
+    """
+
+    windows: tuple[Size, ...] = ((128, 128, 32), (64, 64, 16))
+    overlap: float = 0.5
+    coarse_passes: int = 1
+    fine_passes: int = 3
+    smoothing_voxels: float = 0.8
+    taper_voxels: float = 2.0
+    intensity_exponent: float = 0.5
+    whitening: float = 0.5
+    search: float = 0.375
+    residual_search: float = 0.25
+    outlier_threshold: float = 3.0
+    outlier_floor_voxels: float = 0.1
+    filter_predictor: bool = True
+
+    def __post_init__(self) -> None:
+        if not self.windows or any(len(w) != 3 or min(w) < 8 for w in self.windows):
+            raise PlenoPIVError(
+                f"correlation.windows: {list(map(list, self.windows))}: give sizes [x, y, z] of 8 voxels or more"
+            )
+        for coarse, fine in zip(self.windows, self.windows[1:], strict=False):
+            if any(f > c for c, f in zip(coarse, fine, strict=True)):
+                raise PlenoPIVError(
+                    f"correlation.windows: {list(fine)} follows {list(coarse)}; sort them coarse to fine"
+                )
+        ranges = {
+            "overlap": (0.0, 0.9),
+            "coarse_passes": (1, 20),
+            "fine_passes": (1, 20),
+            "smoothing_voxels": (0.0, 4.0),
+            "taper_voxels": (0.0, 4.0),
+            "intensity_exponent": (0.1, 2.0),
+            "whitening": (0.0, 1.0),
+            "search": (0.05, 0.45),
+            "residual_search": (0.05, 0.45),
+            "outlier_threshold": (0.5, 100.0),
+            "outlier_floor_voxels": (1e-3, 10.0),
+        }
+        for name, (lo, hi) in ranges.items():
+            value = getattr(self, name)
+            if not lo <= value <= hi:
+                raise PlenoPIVError(f"correlation.{name}: {value} is out of range; use {lo} to {hi}")

@@ -1,0 +1,97 @@
+"""Which vectors to believe, and what to put in place of the others."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from plenopiv.errors import PlenoPIVError
+
+_ROUNDS = 3  # outliers in clusters hide one another; each round judges by those that the last one believed
+_NEIGHBOURS = 26  # vectors that a replacement is fitted to
+
+
+def normalised_median(
+    displacement: NDArray[np.float64], believed: NDArray[np.bool_], floor: float
+) -> NDArray[np.float64]:
+    """Normalised median residual of every vector, Westerweel & Scarano (2005), Eq. 2, in 3D and free of trend.
+
+    |d - median| / (median |d_i - median| + ``floor``) over the believed ones of the 26 neighbours, the largest of the
+    three components. The neighbours d_i are first carried to the vector by the median step between the eight pairs of
+    neighbours on either side of it, axis by axis. Otherwise shear would condemn the edges of the volume, where all
+    neighbours lie on one side, and curvature the crests of a flow of a few windows' wavelength.
+    ``displacement``: (3, nz, ny, nx) voxels. Returns (nz, ny, nx); inf with fewer than three neighbours to judge by.
+    """
+    _, nz, ny, nx = displacement.shape
+    padded = np.pad(np.where(believed, displacement, np.nan), ((0, 0), (1, 1), (1, 1), (1, 1)), constant_values=np.nan)
+    # (3, 3, 3, component, nz, ny, nx): the neighbours at k, j, i - 1
+    around = np.stack([padded[:, k : k + nz, j : j + ny, i : i + nx] for k, j, i in np.ndindex(3, 3, 3)])
+    around = around.reshape(3, 3, 3, *displacement.shape)
+    around[1, 1, 1] = np.nan
+    trend = np.zeros_like(around)
+    for axis in range(3):
+        steps = np.moveaxis(np.diff(around, axis=axis), axis, 0).reshape(2, 9, *displacement.shape)
+        before, after = (np.nan_to_num(_median(lines)) for lines in steps)
+        along = np.moveaxis(trend, axis, 0)  # a view
+        along[0] -= before
+        along[2] += after
+    around = (around - trend).reshape(-1, *displacement.shape)
+    median = _median(around)
+    spread = _median(np.abs(around - median))
+    residual = (np.abs(displacement - median) / (spread + floor)).max(0)
+    return np.where(np.isfinite(around[:, 0]).sum(0) >= 3, residual, np.inf)
+
+
+def _median(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Median of the finite values along the first axis; NaN where there are none."""
+    ordered = np.sort(values, axis=0)  # NaN sorts last
+    count = np.isfinite(values).sum(0, keepdims=True)
+    lo, hi = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, values.shape[0] - 1)
+    return 0.5 * (np.take_along_axis(ordered, lo, 0) + np.take_along_axis(ordered, hi, 0))[0]
+
+
+def find_outliers(
+    displacement: NDArray[np.float64], measured: NDArray[np.bool_], threshold: float, floor: float
+) -> NDArray[np.bool_]:
+    """Measured vectors (nz, ny, nx) that the normalised median test rejects.
+
+    A vector with fewer than three measured neighbours cannot be judged and is kept.
+    """
+    believed = measured
+    for _ in range(_ROUNDS):
+        residual = normalised_median(displacement, believed, floor)
+        now = measured & ~(np.isfinite(residual) & (residual > threshold))
+        if np.array_equal(now, believed):
+            break
+        believed = now
+    return measured & ~believed
+
+
+def replace(displacement: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """``displacement`` (3, nz, ny, nx) with invalid vectors replaced by a local linear fit.
+
+    Least squares over the 26 nearest valid vectors (distance in vectors), each weighted by its inverse square distance.
+    Linear fields come back exactly, also at edges and for whole missing corners; a direction in which the neighbours do
+    not spread takes no slope. Raises ``PlenoPIVError`` when no vector is valid.
+    """
+    if not valid.any():
+        raise PlenoPIVError(
+            "correlation: not one window gave a displacement; check that both volumes hold particles"
+            " and that correlation.windows is at least four times the displacement"
+        )
+    out = np.array(displacement, float)
+    if valid.all():
+        return out
+    known, missing = np.argwhere(valid), np.argwhere(~valid)
+    values = displacement[:, valid].T
+    near = min(_NEIGHBOURS, len(known))
+    distance, index = cKDTree(known).query(missing, k=[*range(1, near + 1)])
+    for at, gap, which in zip(missing, distance, index, strict=True):
+        weight = gap**-2.0
+        weight /= weight.sum()
+        centre, mean = weight @ known[which], weight @ values[which]
+        root = np.sqrt(weight)[:, None]
+        slope = np.linalg.lstsq(root * (known[which] - centre), root * (values[which] - mean), rcond=0.05)[0]
+        out[:, *at] = mean + (at - centre) @ slope
+    return out

@@ -1,0 +1,52 @@
+"""Where the interrogation windows lie."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.displacement.settings import Size
+from plenopiv.errors import PlenoPIVError
+
+
+@dataclass(frozen=True)
+class WindowGrid:
+    """Whole windows on a regular grid. ``size``, ``step`` and ``starts`` (first voxels) are in the order z, y, x."""
+
+    size: Size
+    step: Size
+    starts: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of windows along z, y, x."""
+        return tuple(s.size for s in self.starts)  # type: ignore[return-value]
+
+    @property
+    def centres(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Window centres along z, y, x as voxel indices; half-integers for even windows."""
+        return tuple(s + 0.5 * (n - 1) for s, n in zip(self.starts, self.size, strict=True))  # type: ignore[return-value]
+
+
+def window_grid(shape: tuple[int, int, int], window: Size, overlap: float) -> WindowGrid:
+    """Windows of ``window`` = (nx, ny, nz) voxels over a volume of ``shape`` = (nz, ny, nx), centred on the volume.
+
+    What whole windows leave over is left free on both sides alike, to within a voxel, so no edge is favoured.
+    Raises ``PlenoPIVError`` when a window is larger than the volume.
+    """
+    size = window[::-1]
+    if any(n > total for n, total in zip(size, shape, strict=True)):
+        raise PlenoPIVError(
+            f"correlation.windows: {list(window)} is larger than the volume of {list(shape[::-1])} voxels (x, y, z);"
+            " use smaller windows or a larger volume"
+        )
+    steps, starts = [], []
+    for n, total in zip(size, shape, strict=True):
+        step = max(1, round(n * (1 - overlap)))
+        count = (total - n) // step + 1
+        left_over = total - n - (count - 1) * step
+        steps.append(step)
+        starts.append(left_over // 2 + step * np.arange(count))
+    return WindowGrid(size, tuple(steps), tuple(starts))  # type: ignore[arg-type]

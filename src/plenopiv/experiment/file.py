@@ -1,0 +1,252 @@
+"""The experiment file as an object: what was recorded, with which camera, and what to make of it."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from math import prod, radians
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
+
+from plenopiv.cameras.coverage import coverage, seen_by_every_view_mm
+from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
+from plenopiv.errors import PlenoPIVError
+from plenopiv.experiment import messages
+from plenopiv.experiment.tables import (
+    CameraTable,
+    CorrelationTable,
+    OutputTable,
+    ReconstructionTable,
+    RecordingTable,
+    SimulationTable,
+    Table,
+    VolumeTable,
+)
+from plenopiv.lattice import Lattice
+from plenopiv.recording import Recording, find_frames
+from plenopiv.sensor import Sensor
+from plenopiv.volume import VoxelGrid
+
+LARGEST_SIDE = 2**16 - 1  # voxels: sparse volumes keep 16 bits for a voxel's place in its row
+LARGEST_VOLUME = 1e10  # voxels: more is a wrong unit, or needs several runs
+
+
+class Experiment(Table):
+    """An experiment file. The tables [camera] and [recording] are ``camera_table`` and ``recording_table``."""
+
+    camera_table: CameraTable = Field(alias="camera")
+    recording_table: RecordingTable = Field(alias="recording")
+    volume: VolumeTable
+    reconstruction: ReconstructionTable = ReconstructionTable()
+    correlation: CorrelationTable
+    output: OutputTable = OutputTable()
+    simulation: SimulationTable | None = None
+    _path: Path = PrivateAttr(default=Path("experiment.toml"))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Experiment:
+        """Read an experiment file.
+
+        Raises:
+            PlenoPIVError: one line that names the file and the first problem in full, others by key: a missing file,
+                broken TOML (with its line), unknown keys (with the nearest right one), missing keys, wrong types, NaN,
+                numbers out of range, a volume that the camera cannot see.
+        """
+        path = Path(path)
+        try:
+            with path.open("rb") as file:
+                return cls.from_dict(tomllib.load(file), path)
+        except FileNotFoundError:
+            hint = "plenopiv init drafts an experiment file from a folder of images"
+            raise PlenoPIVError(f"{path}: no such file; {hint}") from None
+        except IsADirectoryError:
+            raise PlenoPIVError(f"{path}: is a folder; name the experiment file in it") from None
+        except OSError as error:
+            raise PlenoPIVError(f"{path}: cannot be read ({error.strerror})") from None
+        except UnicodeDecodeError:
+            raise PlenoPIVError(f"{path}: is not a text file in UTF-8, so not an experiment file") from None
+        except tomllib.TOMLDecodeError as error:
+            raise PlenoPIVError(f"{path}: is not valid TOML: {' '.join(str(error).split())}") from None
+
+    @classmethod
+    def from_dict(cls, tables: dict[str, Any], path: str | Path = "experiment.toml") -> Experiment:
+        """An experiment from nested tables; ``path`` names it in errors, and relative paths start from its folder.
+
+        Raises:
+            PlenoPIVError: as ``load`` does.
+        """
+        try:
+            experiment = cls.model_validate(tables)
+        except ValidationError as error:
+            raise PlenoPIVError(messages.one_line(str(path), messages.problems(error, cls))) from None
+        experiment._path = Path(path)
+        return experiment
+
+    @model_validator(mode="after")
+    def _possible(self) -> Experiment:
+        """What the tables say must be possible together; each problem a line."""
+        lines = self._camera_contradictions() or self._volume_contradictions()
+        if lines:
+            raise ValueError("\n".join(lines))
+        return self
+
+    def _camera_contradictions(self) -> list[str]:
+        lens, array, sensor = self.camera_table.main_lens, self.camera_table.microlens_array, self.camera_table.sensor
+        camera = self.camera()
+        lines = []
+        if array.pitch_mm < 2 * sensor.pixel_pitch_mm:
+            lines.append(
+                f"camera.microlens_array.pitch_mm: {array.pitch_mm:g} mm is under two pixels of "
+                f"{sensor.pixel_pitch_mm:g} mm; are both in mm?"
+            )
+        if 4 * array.pitch_mm > sensor.pixel_pitch_mm * min(sensor.columns, sensor.rows):
+            lines.append(
+                f"camera.microlens_array.pitch_mm: fewer than four microlenses of {array.pitch_mm:g} mm fit on the "
+                f"sensor; is it in mm?"
+            )
+        if array.focal_length_mm >= camera.main_lens.image_distance_mm:
+            lines.append(
+                f"camera.microlens_array.focal_length_mm: {array.focal_length_mm:g} mm is not below the main lens' "
+                f"image distance, {camera.main_lens.image_distance_mm:.4g} mm; is it in mm?"
+            )
+        if lens.diameter_mm * abs(lens.magnification) <= array.pitch_mm:
+            lines.append(
+                f"camera.main_lens: an aperture of {lens.diameter_mm:g} mm at magnification {lens.magnification:g} "
+                f"leaves no parallax beyond one microlens; is it in mm?"
+            )
+        if self.recording_table.white is None and (array.rotation_deg is None or array.offset_mm is None):
+            lines.append(
+                "recording.white: missing; name the white image, or say where the microlenses are with "
+                "camera.microlens_array.rotation_deg and offset_mm"
+            )
+        return lines
+
+    def _volume_contradictions(self) -> list[str]:
+        limits = (self.volume.x_mm, self.volume.y_mm, self.volume.z_mm)
+        camera = self.camera()
+        lens_z = camera.main_lens.object_distance_mm
+        if limits[2][1] >= lens_z:
+            return [
+                f"volume.z_mm: {limits[2][1]:g} mm is not in front of the main lens, which is at z = {lens_z:.6g} mm"
+            ]
+        sides = [max((hi - lo) / voxel, 1.0) for (lo, hi), voxel in zip(limits, self.volume.voxel_mm, strict=True)]
+        if prod(sides) > LARGEST_VOLUME or max(sides) > LARGEST_SIDE:
+            counts = " x ".join(f"{side:.5g}" for side in sides)
+            return [f"volume.voxel_mm: {counts} voxels are too many; are all lengths in mm?"]
+        unseen = coverage(camera, limits).no_view
+        if unseen > 0:
+            return [f"volume: {100 * unseen:.2g} % of it is seen by no view; {self._seen_limits(camera)}"]
+        nz, ny, nx = self.grid().shape
+        try:
+            self.correlation.settings()
+        except PlenoPIVError as error:
+            return [str(error)]
+        lines = []
+        for number, window in enumerate(self.correlation.windows):
+            for axis, side, room in zip("xyz", window, (nx, ny, nz), strict=True):
+                if side > room:
+                    lines.append(
+                        f"correlation.windows[{number}]: {side} voxels along {axis} do not fit into a volume of {room}"
+                    )
+        return lines
+
+    def _seen_limits(self, camera: PlenopticCamera) -> str:
+        x, y = (float(min(side)) for side in seen_by_every_view_mm(camera, self.volume.z_mm))
+        lo, hi = self.volume.z_mm
+        if min(x, y) <= 0:
+            return f"at z = {lo:g} or {hi:g} mm no point is seen by every view: reduce z_mm"
+        return f"every view sees |x| < {x:.3g} mm, |y| < {y:.3g} mm from z = {lo:g} to {hi:g} mm"
+
+    @property
+    def path(self) -> Path:
+        """The file this came from."""
+        return self._path
+
+    @property
+    def folder(self) -> Path:
+        """What the file's relative paths are relative to."""
+        return self._path.parent
+
+    @property
+    def output_directory(self) -> Path:
+        """The results folder."""
+        return self.folder / self.output.directory
+
+    def camera(self) -> PlenopticCamera:
+        """The camera as designed, its lattice as the file says: upright and on the axis where it says nothing."""
+        lens, array, sensor = self.camera_table.main_lens, self.camera_table.microlens_array, self.camera_table.sensor
+        return PlenopticCamera(
+            MainLens(lens.focal_length_mm, lens.diameter_mm, lens.magnification),
+            Lattice(array.lattice, array.pitch_mm, radians(array.rotation_deg or 0.0), array.offset_mm or (0.0, 0.0)),
+            array.focal_length_mm,
+            Sensor(sensor.columns, sensor.rows, sensor.pixel_pitch_mm, sensor.bit_depth, sensor.black_level),
+        )
+
+    def grid(self) -> VoxelGrid:
+        """The voxels of [volume]."""
+        volume = self.volume
+        return VoxelGrid.covering(volume.x_mm, volume.y_mm, volume.z_mm, volume.voxel_mm)
+
+    def recording(self) -> Recording:
+        """The images, checked to exist and to fit the sensor.
+
+        Raises:
+            PlenoPIVError: see ``Recording``.
+        """
+        table = self.recording_table
+        white = None if table.white is None else self.folder / table.white
+        if isinstance(table.frames, str):
+            frames = find_frames(self.folder, table.frames, leave_out=white)
+        else:
+            frames = tuple(self.folder / name for name in table.frames)
+        return Recording(self.camera().sensor, frames, white, table.dt_s, table.orientation)
+
+    def warnings(self) -> list[str]:
+        """What the user should know before a run, one line each; none of it stops the run."""
+        camera = self.camera()
+        lens, lines = camera.main_lens, []
+        image_side = lens.image_distance_mm / lens.aperture_mm
+        microlens = camera.microlens_focal_length_mm / camera.lattice.pitch_mm
+        if abs(image_side / microlens - 1.0) > 0.02:
+            effect = "overlap" if image_side < microlens else "leave pixels between them dark"
+            lines.append(
+                f"f-numbers do not match: main lens f/{image_side:.3g} on the image side (S_i/P_m), microlenses "
+                f"f/{microlens:.3g} (f_l/p_l), so micro-images {effect}; matched at an aperture of "
+                f"{camera.matched_aperture_mm:.4g} mm"
+            )
+        near, far = camera.dead_zone_mm()
+        if near <= self.volume.z_mm[0] and self.volume.z_mm[1] <= far:
+            lines.append(
+                f"the whole volume lies where depth cannot be told (z from {near:.3g} to {far:.3g} mm, where a point's "
+                f"blur is smaller than a microlens); widen volume.z_mm or move the focal plane"
+            )
+        seen = coverage(camera, (self.volume.x_mm, self.volume.y_mm, self.volume.z_mm)).every_view
+        if seen < 1:
+            lines.append(
+                f"{100 * (1 - seen):.2g} % of the volume is missed by some views, and depth is worse there; "
+                f"{self._seen_limits(camera)}"
+            )
+        return lines
+
+    def dump_toml(self, folder: str | Path | None = None) -> str:
+        """The resolved file, every default written out. With ``folder``, its paths are relative to that folder."""
+        import tomli_w
+
+        tables = self.model_dump(by_alias=True, exclude_none=True)
+        if folder is not None:
+
+            def moved(name: str) -> str:
+                try:
+                    return Path(os.path.relpath(self.folder / name, folder)).as_posix()
+                except ValueError:  # another drive
+                    return str((self.folder / name).resolve())
+
+            recording, output = tables["recording"], tables["output"]
+            frames = recording["frames"]
+            recording["frames"] = moved(frames) if isinstance(frames, str) else [moved(name) for name in frames]
+            if "white" in recording:
+                recording["white"] = moved(recording["white"])
+            output["directory"] = moved(output["directory"])
+        return tomli_w.dumps(tables)

@@ -1,0 +1,213 @@
+"""The tables of an experiment file. Lengths in mm, times in s, angles in degrees, as every key says.
+
+Unknown keys, text where a number belongs, NaN and infinities are errors. Numbers are not guessed from text.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema, model_validator
+
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.reconstruction.settings import Method, ReconstructionSettings, Weights
+
+PositiveFloat = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+# Strict models refuse lists for tuples; numbers inside stay strict.
+Pair = Annotated[tuple[float, float], Field(strict=False)]
+PositiveTriple = Annotated[tuple[PositiveFloat, PositiveFloat, PositiveFloat], Field(strict=False)]
+WindowSide = Annotated[int, Field(ge=1, le=1024)]
+Window = Annotated[tuple[WindowSide, WindowSide, WindowSide], Field(strict=False)]
+
+
+class Table(BaseModel):
+    """A table of the file: keys as declared and no others, finite numbers, read-only."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, strict=True, populate_by_name=True)
+
+
+def _frames(value: Any) -> str | tuple[str, ...]:
+    if isinstance(value, str) and value:
+        return value
+    if isinstance(value, list | tuple) and all(isinstance(name, str) and name for name in value):
+        if len(value) < 2:
+            raise ValueError(f"{len(value)} frame given; a velocity needs at least two")
+        return tuple(value)
+    raise ValueError('must be a list of file names, or a glob such as "run7/*.tif"')
+
+
+class MainLensTable(Table):
+    """``[camera.main_lens]``: a thin lens.
+
+    ``f_number`` is the number engraved on the lens, N = focal_length/aperture (the lens focused at infinity), not the
+    working f-number S_i/aperture. Give ``aperture_mm`` or ``f_number``, not both.
+    """
+
+    focal_length_mm: PositiveFloat
+    aperture_mm: PositiveFloat | None = None
+    f_number: PositiveFloat | None = None
+    magnification: float
+
+    @model_validator(mode="after")
+    def _consistent(self) -> MainLensTable:
+        if (self.aperture_mm is None) == (self.f_number is None):
+            raise ValueError("give exactly one of aperture_mm and f_number")
+        if self.magnification >= 0:
+            raise ValueError(
+                f"magnification = {self.magnification:g} must be negative, because a real image is inverted"
+            )
+        return self
+
+    @property
+    def diameter_mm(self) -> float:
+        """Aperture P_m in mm, from whichever of the two keys was given."""
+        if self.aperture_mm is not None:
+            return self.aperture_mm
+        assert self.f_number is not None
+        return self.focal_length_mm / self.f_number
+
+
+class MicrolensArrayTable(Table):
+    """``[camera.microlens_array]``. Rotation and offset place the lattice where there is no white image.
+
+    ``rotation_deg`` is counter-clockwise in the microlens plane (s, t), ``offset_mm`` the (s, t) of one microlens from
+    the optical axis. A run with a white image finds both there and ignores these.
+    """
+
+    lattice: Literal["square", "hexagonal"]
+    pitch_mm: PositiveFloat
+    focal_length_mm: PositiveFloat
+    rotation_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
+    offset_mm: Pair | None = None
+
+
+class SensorTable(Table):
+    """``[camera.sensor]``: pixels, bit depth, and the count of a dark pixel."""
+
+    columns: Annotated[int, Field(ge=16, le=65536)]
+    rows: Annotated[int, Field(ge=16, le=65536)]
+    pixel_pitch_mm: PositiveFloat
+    bit_depth: Annotated[int, Field(ge=8, le=16)]
+    black_level: NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> SensorTable:
+        if self.black_level >= 2**self.bit_depth - 1:
+            raise ValueError(f"black_level = {self.black_level:g} is not below full scale, 2^{self.bit_depth} - 1")
+        return self
+
+
+class CameraTable(Table):
+    """``[camera]``."""
+
+    kind: Literal["plenoptic"]
+    main_lens: MainLensTable
+    microlens_array: MicrolensArrayTable
+    sensor: SensorTable
+
+
+class RecordingTable(Table):
+    """``[recording]``: image files, relative to the experiment file, and the time from one frame to the next.
+
+    ``orientation`` has no default: a wrong one turns every velocity by 180 degrees without a sign of it.
+    """
+
+    white: Annotated[str, Field(min_length=1)] | None = None
+    frames: Annotated[str | tuple[str, ...], PlainValidator(_frames), WithJsonSchema({"type": ["string", "array"]})]
+    dt_s: PositiveFloat
+    orientation: Literal["upright", "sensor"]
+
+
+class VolumeTable(Table):
+    """``[volume]``: outer faces, in the object frame (z = 0 the focal plane, + toward the camera)."""
+
+    x_mm: Pair
+    y_mm: Pair
+    z_mm: Pair
+    voxel_mm: PositiveTriple
+
+    @model_validator(mode="after")
+    def _consistent(self) -> VolumeTable:
+        for name in ("x_mm", "y_mm", "z_mm"):
+            lo, hi = getattr(self, name)
+            if not lo < hi:
+                raise ValueError(f"the lower limit of {name} = [{lo:g}, {hi:g}] is not below the upper one")
+        return self
+
+
+class ReconstructionTable(Table):
+    """``[reconstruction]``: keys and defaults of ``reconstruction.settings.ReconstructionSettings``.
+
+    ``threshold`` (counts above the black level) decides which pixels are lit; automatic where absent.
+    """
+
+    method: Method = ReconstructionSettings.method
+    iterations: Annotated[int, Field(ge=1, le=1000)] = ReconstructionSettings.iterations
+    relaxation: Annotated[float, Field(gt=0, le=1)] = ReconstructionSettings.relaxation
+    weights: Weights = ReconstructionSettings.weights
+    threshold: NotNegative | None = None
+    tolerance_px: NotNegative = ReconstructionSettings.tolerance_px
+    seed: Annotated[int, Field(ge=0)] = ReconstructionSettings.seed
+
+    def settings(self) -> ReconstructionSettings:
+        """The same as the reconstruction takes it."""
+        return ReconstructionSettings(**self.model_dump())
+
+
+class CorrelationTable(Table):
+    """``[correlation]``: windows in voxels along x, y, z, coarse to fine, and their overlap as a fraction.
+
+    The other keys and their limits are those of ``displacement.settings.CorrelationSettings``.
+    """
+
+    windows: Annotated[tuple[Window, ...], Field(strict=False, min_length=1)]
+    overlap: float = CorrelationSettings.overlap
+    coarse_passes: int = CorrelationSettings.coarse_passes
+    fine_passes: int = CorrelationSettings.fine_passes
+    smoothing_voxels: float = CorrelationSettings.smoothing_voxels
+    intensity_exponent: float = CorrelationSettings.intensity_exponent
+    whitening: float = CorrelationSettings.whitening
+    search: float = CorrelationSettings.search
+    residual_search: float = CorrelationSettings.residual_search
+    outlier_threshold: float = CorrelationSettings.outlier_threshold
+    outlier_floor_voxels: float = CorrelationSettings.outlier_floor_voxels
+    filter_predictor: bool = CorrelationSettings.filter_predictor
+
+    def settings(self) -> CorrelationSettings:
+        """The same as the correlation takes it.
+
+        Raises:
+            PlenoPIVError: a value is out of range.
+        """
+        return CorrelationSettings(**self.model_dump())
+
+
+class OutputTable(Table):
+    """``[output]``: the results folder, relative to the experiment file."""
+
+    directory: Annotated[str, Field(min_length=1)] = "results"
+
+
+class SimulationTable(Table):
+    """``[simulation]``: flow and light of a synthetic recording. Read by ``plenopiv simulate`` alone, never by a run.
+
+    ``flow`` and its ``parameters`` are those of ``simulation.flows``; light and seeding are explained in
+    ``simulation.recording.Seeding``, noise in ``simulation.sensor_noise.SensorNoise``. The lattice lies where
+    [camera.microlens_array] says, the seeded box is [volume] and ``margin_mm`` around it.
+    """
+
+    flow: str
+    parameters: dict[str, Any] = {}
+    particles_per_microlens: PositiveFloat = 1.0
+    electrons_per_pixel: PositiveFloat = 400.0
+    electrons_spread: NotNegative = 0.0
+    diameter_mm: NotNegative = 0.0
+    margin_mm: Annotated[tuple[NotNegative, NotNegative, NotNegative], Field(strict=False)] | None = None
+    gain: PositiveFloat = 0.5
+    read_noise_electrons: NotNegative = 4.0
+    shot_noise: bool = True
+    diffraction: bool = False
+    wavelength_nm: PositiveFloat = 532.0
+    rays: Annotated[int, Field(ge=100)] = 20_000
+    seed: Annotated[int, Field(ge=0)] = 1

@@ -1,0 +1,121 @@
+"""The results folder: complete or untouched.
+
+Files are written into a hidden folder beside their destination and moved into place together when the run has ended
+well, ``summary.json`` last. A run that fails or is interrupted leaves the folder as it found it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plenopiv.errors import PlenoPIVError
+
+COMPLETE = ("velocity.nc", "summary.json")  # moved last, in this order; both there = a complete run
+
+
+class OutputFolder:
+    """Stage files, then move them into ``directory`` all together.
+
+        with OutputFolder(experiment.output_directory, overwrite) as out:
+            write_velocity(out.path("velocity.nc"), dataset)
+            out.write_json("summary.json", summary)
+
+    Files already in the folder stay unless one of the same name replaces them.
+
+    Raises:
+        PlenoPIVError: on entering, so before any computation: the folder holds a complete run and ``overwrite`` is
+            False, is a file, or cannot be written.
+    """
+
+    def __init__(self, directory: str | Path, overwrite: bool = False):
+        self.directory = Path(directory)
+        self.overwrite = overwrite
+        self._stage: Path | None = None
+        self._made: list[Path] = []
+
+    def __enter__(self) -> OutputFolder:
+        if self.directory.exists() and not self.directory.is_dir():
+            raise PlenoPIVError(f"{self.directory}: is a file; output.directory must name a folder")
+        if not self.overwrite and all((self.directory / name).exists() for name in COMPLETE):
+            raise PlenoPIVError(f"{self.directory}: holds a complete run; use --overwrite, or another output.directory")
+        try:
+            for folder in reversed([self.directory, *self.directory.parents]):
+                if not folder.exists():
+                    folder.mkdir()
+                    self._made.append(folder)
+            self._stage = Path(tempfile.mkdtemp(prefix=".plenopiv-", dir=self.directory))
+        except OSError as error:
+            self._remove_stage()
+            raise PlenoPIVError(f"{self.directory}: cannot be written ({error.strerror})") from None
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *failure: object) -> None:
+        try:
+            if kind is None:
+                self._move()
+                self._made = []
+        finally:
+            self._remove_stage()
+
+    def path(self, name: str) -> Path:
+        """Where to write a file that shall become ``directory / name``."""
+        assert self._stage is not None, "use OutputFolder in a with statement"
+        return self._stage / name
+
+    def write_text(self, name: str, text: str) -> None:
+        """Stage a text file (UTF-8)."""
+        self.path(name).write_text(text, encoding="utf-8", newline="\n")
+
+    def write_json(self, name: str, content: dict[str, Any]) -> None:
+        """Stage a JSON file; numpy values become numbers and lists, NaN and infinities null."""
+        self.write_text(name, json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
+
+    def _move(self) -> None:
+        assert self._stage is not None
+        staged = sorted(self._stage.iterdir(), key=lambda p: COMPLETE.index(p.name) if p.name in COMPLETE else -1)
+        try:
+            for path in staged:
+                with path.open("rb") as file:
+                    os.fsync(file.fileno())
+            if any(path.name in COMPLETE for path in staged):
+                # Between the moves the folder must not pass for a complete run.
+                (self.directory / COMPLETE[-1]).unlink(missing_ok=True)
+            for path in staged:
+                os.replace(path, self.directory / path.name)
+        except OSError as error:
+            raise PlenoPIVError(f"{self.directory}: cannot be written ({error.strerror})") from None
+
+    def _remove_stage(self) -> None:
+        if self._stage is not None:
+            shutil.rmtree(self._stage, ignore_errors=True)
+            self._stage = None
+        while self._made:
+            try:
+                self._made.pop().rmdir()
+            except OSError:  # someone else put a file there meanwhile
+                break
+
+
+def plain(value: Any) -> Any:
+    """The same content in JSON's types."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple | set):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    return str(value)

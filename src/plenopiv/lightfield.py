@@ -1,0 +1,149 @@
+"""Raw image to light field: every raw pixel gets its microlens and its portion of the main lens.
+
+Nothing is interpolated. A real micro-image pitch is 14.04 px on a rotated lattice, so pixels do not fall on a common
+grid of main-lens portions; resampling onto one would blur the angles and correlate the noise. Instead a *view* is one
+pixel offset ``(m, n)`` from the pixel nearest to each micro-image's centre, and what that pixel misses its nominal
+portion by, the lens' ``phase`` (at most half a pixel), goes into the weights:
+
+    portion seen by view (m, n) under lens S:   q = ((m - phase_c), -(n - phase_r)) * portion_mm
+
+on the main lens, in the object's x and y (see ``projection``). Counts and their noise stay those of the raw pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.cameras.plenoptic import PlenopticCamera
+
+LIT_SHARE = 0.5  # a pixel less lit by its own lens than this is no equation of the light field
+FOREIGN_SHARE = 0.08  # nor is one that a neighbouring lens lights by more than this
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which raw pixel is which (view, lens), for one camera. The same for every frame of a recording.
+
+    Lenses are a rectangular block of lattice indices, flat lens number ``(j - j0) * ni + (i - i0)``.
+    """
+
+    camera: PlenopticCamera
+    i0: int
+    j0: int
+    ni: int
+    nj: int
+    offsets: NDArray[np.int32]  # (view, 2): pixel offset (m along columns, n along rows)
+    pixel: NDArray[np.int32]  # (lens, 2): column and row of the pixel nearest to the micro-image's centre
+    phase: NDArray[np.float32]  # (lens, 2): micro-image centre minus that pixel, px
+    fill: NDArray[np.float32]  # (view, lens): share of the pixel that the lens' image of the aperture lights
+    seen: NDArray[np.bool_]  # (view, lens): the pixel exists, is lit by this lens and by no other
+
+    @property
+    def views(self) -> int:
+        """Number of views."""
+        return self.offsets.shape[0]
+
+    @property
+    def lenses(self) -> int:
+        """Number of lenses in the block."""
+        return self.ni * self.nj
+
+
+@dataclass(frozen=True)
+class LightField:
+    """One frame as ``values`` (view, lens), float32 counts above the black level; 0 where ``layout.seen`` is False."""
+
+    layout: Layout
+    values: NDArray[np.float32]
+
+
+def disc_share(x: NDArray, y: NDArray, radius: float, strips: int = 32) -> NDArray:
+    """Area of the unit square centred at (x, y) that lies in the disc of ``radius`` around the origin (all px)."""
+    x, y = np.broadcast_arrays(np.abs(x), np.abs(y))
+    out = np.zeros(x.shape)
+    near, far = np.hypot(np.maximum(x - 0.5, 0), np.maximum(y - 0.5, 0)), np.hypot(x + 0.5, y + 0.5)
+    out[far <= radius] = 1.0
+    rim = (far > radius) & (near < radius)
+    u, v = np.maximum(x[rim], y[rim]), np.minimum(x[rim], y[rim])  # strips along the steeper side of the rim
+    total = np.zeros(u.shape)
+    for k in range(strips):
+        w = v - 0.5 + (k + 0.5) / strips
+        reach = np.sqrt(np.maximum(radius**2 - w**2, 0.0))
+        total += np.clip(np.minimum(u + 0.5, reach) - np.maximum(u - 0.5, -reach), 0.0, 1.0)
+    out[rim] = total / strips
+    return out
+
+
+def _neighbour_offsets_px(camera: PlenopticCamera) -> NDArray:
+    """Micro-image centres of the nearest lenses relative to one, (n, 2) px (column, row); even rows (odd ones mirror)."""
+    i, j = np.meshgrid(np.arange(-2, 3), np.arange(-2, 3))
+    s, t = camera.lattice.centres(i.ravel(), j.ravel())
+    s0, t0 = camera.lattice.centres(0, 0)
+    d = np.stack([-(s - s0), t - t0], -1) * ((1 + camera.image_scale) / camera.sensor.pixel_pitch_mm)
+    length = np.hypot(*d.T)
+    return d[(length > 0) & (length < 1.5 * camera.image_pitch_px)]
+
+
+def layout(camera: PlenopticCamera) -> Layout:
+    """Assign the raw pixels of ``camera`` (with its calibrated lattice) to views and lenses."""
+    sensor, lattice = camera.sensor, camera.lattice
+    e, radius = camera.image_scale, camera.aperture_radius_px
+    reach = int(np.ceil(min(radius, 0.5 * camera.image_pitch_px * 1.1)))
+    corner_s, corner_t = sensor.plane_from_pixel(
+        np.array([0, 0, sensor.columns - 1, sensor.columns - 1]), np.array([0, sensor.rows - 1, 0, sensor.rows - 1])
+    )
+    a, b = lattice.coordinates(corner_s / (1 + e), corner_t / (1 + e))
+    b = b / lattice.row_spacing
+    i0, i1, j0, j1 = (
+        int(np.floor(a.min())) - 1,
+        int(np.ceil(a.max())) + 1,
+        int(np.floor(b.min())) - 1,
+        int(np.ceil(b.max())) + 1,
+    )
+    j, i = (g.ravel() for g in np.mgrid[j0 : j1 + 1, i0 : i1 + 1])
+    s, t = lattice.centres(i, j)
+    centre = np.stack(sensor.pixel_from_plane(s * (1 + e), t * (1 + e)), -1)
+    pixel = np.rint(centre).astype(np.int32)
+    phase = (centre - pixel).astype(np.float32)
+
+    n, m = (g.ravel() for g in np.mgrid[-reach : reach + 1, -reach : reach + 1])
+    near = np.hypot(np.maximum(np.abs(m) - 0.5, 0), np.maximum(np.abs(n) - 0.5, 0))
+    offsets = np.stack([m, n], -1)[near < radius].astype(np.int32)
+    neighbours = _neighbour_offsets_px(camera)
+    fill = np.empty((len(offsets), len(pixel)), np.float32)
+    seen = np.empty(fill.shape, bool)
+    for v, (m, n) in enumerate(offsets):
+        x, y = m - phase[:, 0], n - phase[:, 1]
+        fill[v] = disc_share(x, y, radius)
+        column, row = pixel[:, 0] + m, pixel[:, 1] + n
+        seen[v] = (column >= 0) & (column < sensor.columns) & (row >= 0) & (row < sensor.rows) & (fill[v] >= LIT_SHARE)
+        if np.hypot(m, n) > camera.image_pitch_px - radius - 1.5:
+            foreign = sum(disc_share(x - dx, y - dy, radius, 8) for dx, dy in neighbours)
+            seen[v] &= foreign <= FOREIGN_SHARE
+    keep = seen.any(1)
+    return Layout(camera, i0, j0, i1 - i0 + 1, j1 - j0 + 1, offsets[keep], pixel, phase, fill[keep], seen[keep])
+
+
+def decode(image: NDArray, where: Layout) -> LightField:
+    """An upright raw image (rows, columns) in counts as a light field."""
+    sensor = where.camera.sensor
+    values = np.zeros((where.views, where.lenses), np.float32)
+    for v, (m, n) in enumerate(where.offsets):
+        lens = np.flatnonzero(where.seen[v])
+        values[v, lens] = image[where.pixel[lens, 1] + n, where.pixel[lens, 0] + m]
+    values -= np.float32(sensor.black_level)
+    values[~where.seen] = 0.0
+    return LightField(where, values)
+
+
+def encode(values: NDArray, where: Layout) -> NDArray[np.float32]:
+    """The inverse of ``decode`` without the black level: (view, lens) back to an upright image; other pixels are 0."""
+    sensor = where.camera.sensor
+    image = np.zeros((sensor.rows, sensor.columns), np.float32)
+    for v, (m, n) in enumerate(where.offsets):
+        lens = np.flatnonzero(where.seen[v])
+        image[where.pixel[lens, 1] + n, where.pixel[lens, 0] + m] = values[v, lens]
+    return image

@@ -1,0 +1,96 @@
+"""Camera, layout and voxel grid as the few numbers that a ray kernel needs.
+
+Derivation. A ray of a voxel (x, z) through the main lens at u meets the microlens plane at s = A u + B x and, under
+the microlens S, the sensor at S + e ((A - 1) u + B x) (optics.py). A sensor position -e q away from the micro-image's
+centre S (1 + e) is thus reached by u = (q + B x - S) / (1 - A), and that ray lies under S where
+
+    A q + B x - S   is in the microlens' cell scaled by (1 - A).
+
+With lengths in *cells*, pitches divided by (1 - A), what a pixel receives of a voxel is the area that its square of
+side |A| portion / ((1 - A) pitch) shares with a cell of unit size: exact for every lattice and depth. The square is taken
+parallel to the lattice's rows; for a lattice turned by a few degrees that changes no weight by more than 1e-3.
+
+At the aperture's rim the pixel is cut by the disc |u| <= P_m/2: in pixels of q, radius (1 - A) R around (S - B x)/portion.
+"""
+
+from __future__ import annotations
+
+from math import cos, pi, sin
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.volume import VoxelGrid
+
+SMALLEST = 0.004  # half side of a pixel's square, cells: float32 does not resolve the area of a smaller one
+
+
+class Plane(NamedTuple):
+    """One plane of voxels. Arrays (nz,), float32; kernels see one plane's scalars."""
+
+    voxel_s: NDArray  # voxels along x per mm of s: 1 / (B dx)
+    voxel_t: NDArray
+    step_x: NDArray  # voxels along x that a footprint moves per pixel of q: -A portion / (B dx)
+    step_y: NDArray
+    cell_x: NDArray  # cells per voxel along x: B dx / ((1 - A) pitch)
+    cell_y: NDArray
+    half: NDArray  # half side of a pixel's square, cells
+    move: NDArray  # cells per pixel of q: A portion / ((1 - A) pitch)
+    spread: NDArray  # A
+    drift: NDArray  # pixels of q that the disc moves per cell: (1 - A) pitch / portion
+    light: NDArray  # share of a voxel's light that a wholly lit pixel collects
+    pitch: NDArray  # cells per pitch: 1 / (1 - A)
+    origin_x: NDArray  # microlens (0, 0) in cells
+    origin_y: NDArray
+
+
+def planes(camera: PlenopticCamera, grid: VoxelGrid) -> NDArray[np.float32]:
+    """The ``Plane`` of every z, float32 (nz, 14)."""
+    z = grid.axes()[2]
+    dx, dy, _ = grid.voxel_mm
+    a, b = camera.spread(z), camera.scale(z)
+    pitch, portion = camera.lattice.pitch_mm, camera.portion_mm
+    move = a * portion / ((1 - a) * pitch)
+    columns = Plane(
+        voxel_s=1 / (b * dx),
+        voxel_t=1 / (b * dy),
+        step_x=-a * portion / (b * dx),
+        step_y=-a * portion / (b * dy),
+        cell_x=b * dx / ((1 - a) * pitch),
+        cell_y=b * dy / ((1 - a) * pitch),
+        half=np.maximum(np.abs(move) / 2, SMALLEST),
+        move=move,
+        spread=a,
+        drift=(1 - a) * pitch / portion,
+        light=(portion / (1 - a)) ** 2 / (pi / 4 * camera.main_lens.aperture_mm**2),
+        pitch=1 / (1 - a),
+        origin_x=camera.lattice.offset_mm[0] / ((1 - a) * pitch),
+        origin_y=camera.lattice.offset_mm[1] / ((1 - a) * pitch),
+    )
+    return np.stack([np.broadcast_to(c, z.shape) for c in columns], -1).astype(np.float32)
+
+
+class Rows(NamedTuple):
+    """What does not change from plane to plane."""
+
+    hexagonal: bool
+    cos: np.float32
+    sin: np.float32
+    row: np.float32  # row spacing of the lattice in pitches
+    x0: np.float32  # first voxel centre in voxels from the axis: x0 / dx
+    y0: np.float32
+
+
+def rows(camera: PlenopticCamera, grid: VoxelGrid) -> Rows:
+    """The scalars of ``Rows``."""
+    lattice, f = camera.lattice, np.float32
+    return Rows(
+        lattice.kind == "hexagonal",
+        f(cos(lattice.rotation_rad)),
+        f(sin(lattice.rotation_rad)),
+        f(lattice.row_spacing),
+        f(grid.first_mm[0] / grid.voxel_mm[0]),
+        f(grid.first_mm[1] / grid.voxel_mm[1]),
+    )

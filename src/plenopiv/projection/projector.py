@@ -1,0 +1,153 @@
+"""The projector: light of a volume in every view of a camera, and back. Weights are computed, never stored."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.lightfield import Layout
+from plenopiv.projection import dense, geometry, pixels, sparse
+from plenopiv.volume import SparseVolume, VoxelGrid
+
+RULES = {"1-ray": pixels.ONE_RAY, "9-rays": pixels.NINE_RAYS, "exact": pixels.EXACT}
+CHUNKS = 64  # of microlenses or of rows of voxels, shared out among threads
+PARTIAL_IMAGES = 16  # of sparse sums
+DENSE_ABOVE = 0.04  # share of voxels listed from which dense kernels are the faster ones (measured)
+
+
+class Projector:
+    """Between a volume and the views of a plenoptic camera.
+
+    A volume is a ``SparseVolume`` or a dense float32 array (nz, ny, nx + padding) from ``allocate``, whose columns beyond
+    nx stay 0 and spare the kernels a scalar remainder. A voxel's value is its light: the sum of the counts that it gives
+    in all pixels when the whole aperture sees it. Images of a view are float32 (lens,), in counts.
+
+    ``weights``: "1-ray" (the centre of each pixel's portion of the main lens), "9-rays", or "exact" areas.
+    """
+
+    def __init__(self, layout: Layout, grid: VoxelGrid, weights: str = "exact"):
+        camera = layout.camera
+        self.layout, self.grid, self.rule = layout, grid, RULES[weights]
+        j, i = np.mgrid[layout.j0 : layout.j0 + layout.nj, layout.i0 : layout.i0 + layout.ni]
+        self._lens_mm = np.stack(camera.lattice.centres(i.ravel(), j.ravel()), -1).astype(np.float32)
+        self._box = (layout.i0, layout.j0, layout.ni, layout.nj)
+        self._rows, self._planes = geometry.rows(camera, grid), geometry.planes(camera, grid)
+        self._radius = np.float32(camera.aperture_radius_px)
+        m, n = np.abs(layout.offsets).T
+        self._rim = np.hypot(m + 1.05, n + 1.05) > camera.aperture_radius_px  # phase and drift move a pixel by 0.55
+        self._cut = np.zeros((layout.lenses, pixels.STRIPS + 2), np.float32)
+        self._cut_view = -1
+
+    @property
+    def views(self) -> int:
+        """Number of views."""
+        return self.layout.views
+
+    @property
+    def light_share(self) -> float:
+        """Share of a voxel's light that its brightest possible pixel collects."""
+        return float(self._planes[:, geometry.Plane._fields.index("light")].max())
+
+    def allocate(self, value: float = 0.0) -> NDArray[np.float32]:
+        """A dense volume of one value."""
+        nz, ny, nx = self.grid.shape
+        volume = np.zeros((nz, ny, nx + dense.LANES), np.float32)
+        volume[:, :, :nx] = value
+        return volume
+
+    def every_voxel(self) -> SparseVolume:
+        """All voxels of the grid, each of value 1."""
+        return SparseVolume.from_mask(self.grid, np.ones(self.grid.shape, bool))
+
+    def working_form(self, volume: SparseVolume) -> NDArray[np.float32] | SparseVolume:
+        """The volume in the form in which its views are computed sooner: dense unless few voxels are listed."""
+        if volume.occupancy < DENSE_ABOVE:
+            return volume.with_values(volume.values.copy())
+        working = self.allocate()
+        working[:, :, : self.grid.shape[2]] = volume.slab(0, self.grid.shape[0])
+        return working
+
+    def listed(self, volume: NDArray[np.float32] | SparseVolume, faintest: float) -> SparseVolume:
+        """The voxels of ``volume`` brighter than ``faintest`` (>= 0)."""
+        if isinstance(volume, SparseVolume):
+            return volume.keeping(volume.values > faintest)
+        inside = volume[:, :, : self.grid.shape[2]]
+        return SparseVolume.from_mask(self.grid, inside > faintest).with_values(inside[inside > faintest])
+
+    def forward(self, view: int, volume: NDArray[np.float32] | SparseVolume) -> NDArray[np.float32]:
+        """The volume's light in one view, (lens,); 0 where the pixel is no equation."""
+        if isinstance(volume, SparseVolume):
+            partial = np.empty((PARTIAL_IMAGES, self.layout.lenses), np.float32)
+            chunks = self._row_chunks(volume, PARTIAL_IMAGES)
+            listed = (chunks, volume.row_start, volume.column, volume.values)
+            sparse.forward(*self._sparse(view), *listed, partial)
+            return partial.sum(0)
+        image = np.zeros(self.layout.lenses, np.float32)
+        chunks = np.linspace(0, self.layout.lenses, CHUNKS + 1).astype(np.int64)
+        dense.forward(*self._dense(view), chunks, volume, image)
+        return image
+
+    def gather(self, view: int, image: NDArray[np.float32], volume: SparseVolume) -> NDArray[np.float32]:
+        """For each listed voxel the sum of ``image`` over the pixels that it lights, each by its lit share of the pixel."""
+        out = np.empty(volume.values.size, np.float32)
+        chunks = self._row_chunks(volume, CHUNKS)
+        sparse.gather(*self._sparse(view), chunks, volume.row_start, volume.column, image.astype(np.float32), out)
+        return out
+
+    def adjoint(self, view: int, image: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+        """Add the transpose of ``forward`` applied to ``image`` to the dense volume ``out``."""
+        dense.adjoint(*self._dense(view), image.astype(np.float32), out)
+
+    def multiply(self, view: int, correction: NDArray[np.float32], volume: NDArray[np.float32] | SparseVolume) -> None:
+        """Multiply each voxel by 1 plus the share-weighted sum of ``correction`` over the pixels that it lights."""
+        if isinstance(volume, SparseVolume):
+            volume.values[:] *= np.maximum(1 + self.gather(view, correction, volume), 0)
+        else:
+            dense.multiply(*self._dense(view), correction.astype(np.float32), volume)
+
+    def lit_voxels(self, lit: NDArray[np.bool_], tolerance_px: float) -> SparseVolume:
+        """The voxels of whose light no more than ``tolerance_px`` pixels' worth falls on pixels that are not ``lit``.
+
+        ``lit`` is (view, lens). Views are tried from the rim of the aperture inwards, where they differ most.
+        """
+        where = self.layout
+        order = np.argsort(-np.hypot(*where.offsets.T), kind="stable")
+        volume = self.allocate(1.0)
+        dense.candidates(
+            self._rows,
+            self._planes,
+            self.rule,
+            self._rim,
+            where.offsets,
+            order,
+            self._radius,
+            self._lens_mm,
+            where.phase,
+            where.fill,
+            where.seen,
+            lit,
+            np.float32(tolerance_px),
+            volume,
+        )
+        return SparseVolume.from_mask(self.grid, volume[:, :, : self.grid.shape[2]] > 0)
+
+    def _row_chunks(self, volume: SparseVolume, count: int) -> NDArray[np.int64]:
+        """Bounds of ``count`` runs of rows with about as many listed voxels each."""
+        bounds = np.searchsorted(volume.row_start, np.linspace(0, volume.column.size, count + 1))
+        bounds[0], bounds[-1] = 0, volume.row_start.size - 1
+        return bounds.astype(np.int64)
+
+    def _view(self, view: int):
+        where = self.layout
+        m, n = where.offsets[view].astype(np.float32)
+        if self._rim[view] and self._cut_view != view:
+            pixels.rim_table(m, n, where.phase, where.seen[view], self._radius, self._cut)
+            self._cut_view = view
+        return self.rule, bool(self._rim[view]), m, n, where.phase, self._cut, where.fill[view], where.seen[view]
+
+    def _sparse(self, view: int):
+        return self._rows, self._box, self._planes, self.grid.shape[1], *self._view(view)
+
+    def _dense(self, view: int):
+        rule, rim, m, n, *pixel = self._view(view)
+        return self._rows, self._planes, rule, rim, m, n, self._lens_mm, *pixel

@@ -1,0 +1,75 @@
+"""From a light field to a volume: candidates, MART, and the voxels that hold light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plenopiv.errors import PlenoPIVError
+from plenopiv.lightfield import LightField
+from plenopiv.projection.projector import Projector
+from plenopiv.reconstruction.candidates import dark_noise, lit_threshold
+from plenopiv.reconstruction.mart import Progress, mart
+from plenopiv.reconstruction.settings import ReconstructionSettings
+from plenopiv.volume import SparseVolume
+
+FAINTEST = 0.05  # counts: a voxel that gives less than this in each of its pixels is left out
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """A reconstructed volume and how it was reached.
+
+    ``threshold`` counts; ``candidates`` the share of voxels that DRT left; ``residuals`` RMS in counts met by each round.
+    """
+
+    volume: SparseVolume
+    threshold: float
+    candidates: float
+    residuals: tuple[float, ...]
+
+
+def reconstruct(
+    lightfield: LightField,
+    projector: Projector,
+    settings: ReconstructionSettings,
+    *,
+    name: str = "frame",
+    progress: Progress | None = None,
+) -> Reconstruction:
+    """Reconstruct one frame.
+
+    Raises:
+        PlenoPIVError: the frame ``name`` shows no particles.
+    """
+    threshold = lit_threshold(lightfield) if settings.threshold is None else settings.threshold
+    lit = lightfield.values > threshold
+    if np.count_nonzero(lit) < 1e-4 * np.count_nonzero(lightfield.layout.seen):
+        raise PlenoPIVError(
+            f"{name}: no particles: fewer than 0.01 % of its pixels are above {threshold:.0f} counts over the black level; "
+            "check the exposure, sensor.black_level and reconstruction.threshold"
+        )
+    if settings.method == "drt-mart":
+        volume = projector.lit_voxels(lit, settings.tolerance_px)
+    else:
+        volume = projector.every_voxel()
+    alive = volume.column.size
+    if alive == 0:
+        raise PlenoPIVError(
+            f"{name}: dense ray tracing leaves no voxel; lower reconstruction.threshold ({threshold:.0f} counts) "
+            'or use reconstruction.method = "mart"'
+        )
+    volume.values[:] = max(float(lightfield.values.sum(dtype=np.float64)), 1.0) / alive
+    volume, residuals = mart(
+        lightfield.values,
+        projector,
+        volume,
+        faintest=FAINTEST / projector.light_share,
+        iterations=settings.iterations,
+        relaxation=settings.relaxation,
+        floor=max(dark_noise(lightfield), 0.5),
+        seed=settings.seed,
+        progress=progress,
+    )
+    return Reconstruction(volume, threshold, alive / projector.grid.size, tuple(residuals))

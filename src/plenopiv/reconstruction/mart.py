@@ -1,0 +1,60 @@
+"""MART, one view at a time (paper, section 3; Elsinga et al. 2006, Eq. 3).
+
+MART multiplies each voxel by (I / (w E))^(mu w) for one pixel after the other. The pixels of one *view* look through one
+portion of the main lens, and a voxel's light in a view reaches only the microlenses around one point. Where it
+reaches a single one, no two pixels of the view share a voxel, and correcting all of them at once is pixel-by-pixel
+MART exactly. Where the light is split among neighbours, the voxel takes the share-weighted mean of their corrections,
+
+    E <- E (1 + sum_S w_S ((I_S / P_S)^mu - 1)),      sum_S w_S <= 1,
+
+the arithmetic form of the product of powers; like it, it leaves E alone where P = I, and it keeps E >= 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.projection.projector import Projector
+from plenopiv.volume import SparseVolume
+
+Progress = Callable[[int, int], None]
+
+
+def mart(
+    values: NDArray[np.float32],
+    projector: Projector,
+    volume: SparseVolume,
+    *,
+    iterations: int,
+    relaxation: float,
+    floor: float = 1.0,
+    faintest: float = 0.0,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> tuple[SparseVolume, list[float]]:
+    """The volume, among the voxels of ``volume``, whose views are ``values`` (view, lens), in counts.
+
+    ``floor`` (counts, the dark noise) is added to measured and projected light, so that a pixel's noise does not empty
+    a voxel. Views come in a new random order each round: neighbours say nearly the same. After each round voxels no
+    brighter than ``faintest`` are left out. Returns the volume and the RMS residual, in counts, that each round met.
+    """
+    seen = projector.layout.seen
+    measured = np.maximum(values, 0.0) + np.float32(floor)
+    rng = np.random.default_rng(seed)
+    residuals = []
+    for done in range(iterations):
+        squares = 0.0
+        working = projector.working_form(volume)
+        for step, view in enumerate(rng.permutation(projector.views)):
+            light = projector.forward(view, working)
+            ratio = measured[view] / (light + np.float32(floor))
+            squares += float(np.sum(((values[view] - light) * seen[view]) ** 2, dtype=np.float64))
+            projector.multiply(view, np.where(seen[view], ratio**relaxation - 1.0, 0.0), working)
+            if progress:
+                progress(done * projector.views + step + 1, iterations * projector.views)
+        residuals.append((squares / max(int(seen.sum()), 1)) ** 0.5)
+        volume = projector.listed(working, faintest)
+    return volume, residuals

@@ -1,0 +1,199 @@
+"""The report's figures as PNG, drawn without matplotlib's global state."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from numpy.typing import NDArray
+
+from plenopiv.report.views import Projections, RawCrop
+
+if TYPE_CHECKING:
+    import xarray
+
+INK, BLUE, ORANGE, GREEN = "#1f2933", "#1f6fb2", "#d9822b", "#3c8c4a"
+COLOURS = {"u": BLUE, "v": ORANGE, "w": GREEN}
+ARROWS = 26  # along the longer side of a slice
+PIXELS = 1200  # more than this along a side is joined, brightest first
+STYLE: Any = {"font.size": 9.0, "axes.titlesize": 10.0, "axes.edgecolor": "#8794a1", "axes.linewidth": 0.8}
+
+# name of a slice: (horizontal axis, vertical axis, normal, in-plane components, component along the normal)
+SLICES = {
+    "xy": ("x", "y", "z", ("u", "v"), "w"),
+    "xz": ("x", "z", "y", ("u", "w"), "v"),
+    "zy": ("z", "y", "x", ("w", "v"), "u"),
+}
+
+
+@rc_context(STYLE)
+def png(figure: Figure) -> bytes:
+    """A figure as PNG."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=130, facecolor="white", bbox_inches="tight", pad_inches=0.1)
+    return buffer.getvalue()
+
+
+@rc_context(STYLE)
+def raw_figure(crops: Sequence[RawCrop]) -> Figure:
+    """Raw pixels with the circles of the lattice drawn over them."""
+    figure = Figure(figsize=(4.3 * len(crops), 4.4), layout="constrained")
+    for axes, crop in zip(_row(figure, len(crops)), crops, strict=True):
+        rows, columns = crop.counts.shape
+        column, row = crop.corner
+        extent = (column - 0.5, column + columns - 0.5, row + rows - 0.5, row - 0.5)
+        top = float(np.percentile(crop.counts, 99.8))
+        picture = axes.imshow(crop.counts, cmap="gray", vmin=float(crop.counts.min()), vmax=top, extent=extent)
+        size = np.full(len(crop.centres_px), 2 * crop.radius_px)
+        circles = EllipseCollection(size, size, size * 0, units="x", offsets=crop.centres_px, linewidth=0.8)
+        circles.set(offset_transform=axes.transData, facecolor="none", edgecolor=ORANGE)
+        axes.add_collection(circles)
+        axes.plot(*crop.centres_px.T, ".", color=ORANGE, markersize=2)
+        axes.set(title=crop.name, xlabel="column (px)", ylabel="row (px)")
+        axes.set_xlim(extent[:2])
+        axes.set_ylim(extent[2:])
+        _bar(picture, axes, "counts")
+    return figure
+
+
+@rc_context(STYLE)
+def volume_figure(views: Projections) -> Figure:
+    """The brightest voxels along z and along y."""
+    (x0, x1), (y0, y1), (z0, z1) = views.limits_mm
+    figure = Figure(figsize=(12.5, 4.8), layout="constrained")
+    for axes, image, extent, label, along in zip(
+        _row(figure, 2),
+        (views.xy, views.xz),
+        ((x0, x1, y0, y1), (x0, x1, z0, z1)),
+        ("y (mm)", "z (mm)"),
+        "zy",
+        strict=True,
+    ):
+        lit = image[image > 0]
+        top = float(np.percentile(lit, 99.5)) if lit.size else 1.0
+        picture = axes.imshow(
+            _joined(image), cmap="gray_r", vmin=0, vmax=top, extent=extent, origin="lower", interpolation="nearest"
+        )
+        axes.set(title=f"brightest voxel along {along}", xlabel="x (mm)", ylabel=label)
+        _bar(picture, axes, "intensity (counts)")
+    return figure
+
+
+@rc_context(STYLE)
+def velocity_figure(dataset: xarray.Dataset) -> Figure:
+    """Three slices through the middle: colour along the normal, arrows in the plane, crosses where replaced."""
+    shown = dataset.isel(time=0)
+    figure = Figure(figsize=(12.5, 4.4), layout="constrained")
+    longest = max(_largest(np.hypot(shown[a].values, shown[b].values)) for *_, (a, b), _ in SLICES.values())
+    for axes, (name, (right, up, normal, inside, through)) in zip(_row(figure, 3), SLICES.items(), strict=True):
+        middle = shown.sizes[normal] // 2
+        plane = shown.isel({normal: middle}).transpose(up, right, ...)
+        h, v = plane[right].values, plane[up].values
+        colour = plane[through].values
+        limit = 1.25 * _largest(colour) or 1.0  # so that arrows stay readable on the strongest colours
+        extent = (*_faces(h), *_faces(v))
+        picture = axes.imshow(colour, cmap="RdBu_r", vmin=-limit, vmax=limit, extent=extent, origin="lower")
+        step = max(1, -(-max(h.size, v.size) // ARROWS))
+        cut = (slice(None, None, step), slice(None, None, step))
+        spacing = step * min((abs(a[1] - a[0]) for a in (h, v) if a.size > 1), default=1.0)
+        arrows = axes.quiver(
+            h[::step], v[::step], plane[inside[0]].values[cut], plane[inside[1]].values[cut],
+            color=INK, angles="xy", scale_units="xy", scale=(longest or 1.0) / (1.6 * spacing), width=0.004,
+        )  # fmt: skip
+        axes.quiverkey(arrows, 0.92, 1.05, _round(longest), f"{_round(longest):g} m/s", labelpos="W")
+        replaced = plane["valid"].values != 1
+        if replaced.any():
+            rows, columns = np.nonzero(replaced)
+            axes.plot(h[columns], v[rows], "x", color=INK, markersize=3, alpha=0.6)
+        position = float(shown[normal].values[middle])
+        axes.set_title(f"{name} at {normal} = {position:.2f} mm", loc="left")
+        axes.set(xlabel=f"{right} (mm)", ylabel=f"{up} (mm)")
+        _bar(picture, axes, f"{through} (m/s)")
+    return figure
+
+
+@rc_context(STYLE)
+def histogram_figure(dataset: xarray.Dataset, voxel_mm: Sequence[float], dt_s: float) -> Figure:
+    """Displacements as measured, what they leave of a whole voxel, and how clear their peaks were."""
+    figure = Figure(figsize=(12.5, 3.3), layout="constrained")
+    left, middle, right = _row(figure, 3)
+    ratio = dataset["peak_ratio"].values if "peak_ratio" in dataset else np.ones(dataset["u"].shape)
+    has_peak = ratio > 0  # a window without light has neither peak nor displacement
+    for name, voxel in zip("uvw", voxel_mm, strict=True):
+        measured = _raw(dataset, name)
+        displacement = measured[np.isfinite(measured) & has_peak] * 1e3 * dt_s / voxel
+        if not displacement.size:
+            continue
+        lo, hi = np.percentile(displacement, (0.5, 99.5))
+        bins = np.linspace(lo - 0.1, hi + 0.1, 60).tolist()
+        axis = {"u": "x", "v": "y", "w": "z"}[name]
+        left.hist(displacement, bins, histtype="step", color=COLOURS[name], label=f"along {axis}", linewidth=1.4)
+        fraction = displacement - np.rint(displacement)
+        middle.hist(
+            fraction,
+            np.linspace(-0.5, 0.5, 26).tolist(),
+            histtype="step",
+            color=COLOURS[name],
+            density=True,
+            linewidth=1.4,
+        )
+    left.set(title="displacement as measured", xlabel="voxels per frame", ylabel="vectors")
+    left.set_ylim(top=1.2 * left.get_ylim()[1])
+    if left.get_legend_handles_labels()[0]:
+        left.legend(frameon=False, ncols=3, loc="upper center")
+    middle.axhline(1.0, color="#8794a1", linewidth=0.8, linestyle=":")
+    middle.set(title="displacement minus whole voxels", xlabel="voxels", ylabel="density")
+    if "peak_ratio" in dataset and has_peak.any():
+        ratio = ratio[has_peak]
+        right.hist(np.minimum(ratio, 10.0), np.linspace(1, 10, 46).tolist(), color=BLUE)
+    right.set(title="highest peak over second", xlabel="peak ratio (10 and more at 10)", ylabel="vectors")
+    for axes in (left, middle, right):
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def _bar(picture: AxesImage, axes: Axes, label: str) -> None:
+    """A colour bar as high as its axes."""
+    axes.figure.colorbar(picture, cax=axes.inset_axes((1.03, 0.0, 0.045, 1.0)), label=label)
+
+
+def _row(figure: Figure, n: int) -> list[Axes]:
+    return list(np.atleast_1d(figure.subplots(1, n)))
+
+
+def _raw(dataset: xarray.Dataset, name: str) -> NDArray:
+    raw = f"{name}_raw"
+    return dataset[raw if raw in dataset else name].values
+
+
+def _joined(image: NDArray) -> NDArray:
+    """Neighbouring pixels joined, the brightest kept, until no side is over ``PIXELS``: a particle must not vanish."""
+    for axis in (0, 1):
+        n = -(-image.shape[axis] // PIXELS)
+        if n > 1:
+            image = np.maximum.reduceat(image, np.arange(0, image.shape[axis], n), axis=axis)
+    return image
+
+
+def _faces(centres: NDArray) -> tuple[float, float]:
+    """Outer faces of cells around evenly spaced centres."""
+    half = 0.5 * abs(centres[1] - centres[0]) if centres.size > 1 else 0.5
+    return float(centres.min() - half), float(centres.max() + half)
+
+
+def _largest(values: NDArray) -> float:
+    """The 99th percentile of the absolute values: one wild vector must not fade all others."""
+    finite = np.abs(values[np.isfinite(values)])
+    return float(np.percentile(finite, 99)) if finite.size else 0.0
+
+
+def _round(value: float) -> float:
+    """To one digit, for a key that reads well."""
+    return float(f"{value:.0e}") if value > 0 else 1.0

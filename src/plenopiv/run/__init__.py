@@ -1,0 +1,1 @@
+"""Whole runs: the chain from an experiment file to a results folder."""

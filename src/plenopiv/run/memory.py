@@ -1,0 +1,39 @@
+"""What memory a run will take, before it starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.volume import VoxelGrid
+
+BASE = 350e6  # interpreter, libraries and compiled kernels, bytes
+
+
+@dataclass(frozen=True)
+class MemoryEstimate:
+    """Bytes by what needs them; ``peak`` is their sum, as they are all alive while the second frame is reconstructed."""
+
+    images: float
+    light_field: float
+    volumes: float
+
+    @property
+    def peak(self) -> float:
+        """Bytes in all."""
+        return BASE + self.images + self.light_field + self.volumes
+
+
+def estimate(camera: PlenopticCamera, grid: VoxelGrid) -> MemoryEstimate:
+    """Estimate the peak memory of a run on one pair of frames."""
+    sensor = camera.sensor
+    pixels = sensor.columns * sensor.rows
+    area = pixels * sensor.pixel_pitch_mm**2
+    lenses = 1.1 * area / (camera.lattice.cell_area_mm2 * (1 + camera.image_scale) ** 2)
+    views = pi * (camera.aperture_radius_px + 0.6) ** 2
+    layout = lenses * views * 5  # share (float32) and seen (bool)
+    frame = lenses * views * 9  # values, their floor-lifted copy and masks
+    dense = 4.0 * grid.size
+    found = 6.0 * 0.25 * grid.size  # the other frame's voxels that hold light
+    return MemoryEstimate(4.0 * pixels, layout + frame, dense + found)

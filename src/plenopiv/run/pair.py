@@ -1,0 +1,178 @@
+"""One pair of frames: recording -> light field -> volume -> displacement -> velocity -> results folder."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import plenopiv
+from plenopiv.calibration import find_lattice
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.displacement.multigrid import measure
+from plenopiv.errors import PlenoPIVWarning
+from plenopiv.experiment import Experiment
+from plenopiv.io.netcdf import write_velocity
+from plenopiv.io.output import OutputFolder
+from plenopiv.lightfield import decode, layout
+from plenopiv.projection.projector import Projector
+from plenopiv.reconstruction.chain import Reconstruction, reconstruct
+from plenopiv.recording import Recording
+from plenopiv.report import projections, raw_crops, write_report
+from plenopiv.run.memory import estimate
+from plenopiv.velocity import velocity_dataset
+
+if TYPE_CHECKING:
+    import xarray
+
+Progress = Callable[[str, int, int], None]
+Score = Callable[["xarray.Dataset"], Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """The velocity field, what ``summary.json`` holds, and where both are."""
+
+    velocity: xarray.Dataset
+    summary: dict[str, Any]
+    directory: Path
+
+
+def calibrated_camera(experiment: Experiment, recording: Recording) -> tuple[PlenopticCamera, dict[str, Any]]:
+    """The camera with its lattice as the white image shows it, or as the file states it, and how well that fits."""
+    camera, white = experiment.camera(), recording.white()
+    if white is None:
+        return camera, {"lattice": "as stated in the experiment file"}
+    fit = find_lattice(white, camera, str(recording.white_path))
+    return camera.with_lattice(fit.lattice), {
+        "lattice": fit.lattice.kind,
+        "pitch_mm": fit.lattice.pitch_mm,
+        "rotation_deg": fit.rotation_deg,
+        "offset_mm": fit.offset_mm,
+        "residual_px": fit.residual_px,
+        "microlenses": fit.microlenses,
+    }
+
+
+def run(
+    experiment: Experiment,
+    progress: Progress | None = None,
+    overwrite: bool = False,
+    score: Score | None = None,
+) -> RunResult:
+    """Run the whole chain on the first two frames and write the results folder.
+
+    ``progress(stage, done, total)`` is called as work proceeds. ``score``, where the truth is known, turns the velocity
+    field into measures for the report; a run itself never reads a truth.
+
+    Raises:
+        PlenoPIVError: an input cannot be used; the results folder is then as it was.
+    """
+    report = progress or (lambda stage, done, total: None)
+    clock = _Clock()
+    with _kept_warnings() as caught, OutputFolder(experiment.output_directory, overwrite) as out:
+        for line in experiment.warnings():
+            warnings.warn(line, PlenoPIVWarning, stacklevel=2)
+        recording = experiment.recording()
+        with clock("calibration"):
+            camera, calibration = calibrated_camera(experiment, recording)
+            where = layout(camera)
+            projector = Projector(where, experiment.grid(), experiment.reconstruction.weights)
+        memory = estimate(camera, projector.grid)
+        report(f"memory: about {memory.peak / 1e9:.1f} GB", 0, 1)
+        frames: list[Reconstruction] = []
+        crops = []
+        for k in range(2):
+            name = recording.frame_paths[k].name
+            with clock("reconstruction"):
+                image = recording.frame(k)
+                crops += raw_crops(image, camera, name) if k == 0 else []
+                frames.append(
+                    reconstruct(
+                        decode(image, where),
+                        projector,
+                        experiment.reconstruction.settings(),
+                        name=name,
+                        progress=partial(report, f"reconstruction of {name}"),
+                    )
+                )
+        with clock("correlation"):
+            field = measure(frames[0].volume, frames[1].volume, experiment.correlation.settings(), report)
+        velocity = velocity_dataset(field, projector.grid, recording.dt_s)
+        velocity.attrs["source"] = f"PlenoPIV {plenopiv.__version__}, {experiment.path.name}"
+        summary = {
+            "plenopiv": plenopiv.__version__,
+            "experiment": str(experiment.path.name),
+            "frames": [str(path.name) for path in recording.frame_paths[:2]],
+            "calibration": calibration,
+            "voxels": projector.grid.size,
+            "reconstruction": [
+                {
+                    "threshold_counts": frame.threshold,
+                    "candidate_share": frame.candidates,
+                    "residual_counts_by_round": list(frame.residuals),
+                    "voxels_kept": int(frame.volume.column.size),
+                }
+                for frame in frames
+            ],
+            "vectors": int(field.valid.size),
+            "replaced_share": float(1.0 - field.valid.mean()),
+            "median_peak_ratio": float(np.nanmedian(field.peak_ratio)),
+            "memory_estimate_gb": memory.peak / 1e9,
+            "warnings": [str(w.message) for w in caught],
+            "timings_s": clock.seconds,
+        }
+        with clock("report"):
+            write_velocity(out.path("velocity.nc"), velocity)
+            out.write_text("experiment.toml", experiment.dump_toml(experiment.output_directory))
+            write_report(
+                out.path("report.html"),
+                title=f"{experiment.path.name}: velocity field",
+                experiment=experiment,
+                summary=summary,
+                dataset=velocity,
+                crops=crops,
+                views=projections(frames[0].volume),
+                accuracy=score(velocity) if score else None,
+            )
+        out.write_json("summary.json", summary)
+    return RunResult(velocity, summary, experiment.output_directory)
+
+
+class _Clock:
+    """Seconds of wall time by stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str):
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
+
+
+@contextmanager
+def _kept_warnings():
+    """Collect warnings and still show them, each where and when it occurs."""
+    caught: list[warnings.WarningMessage] = []
+    show = warnings.showwarning
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", PlenoPIVWarning)
+
+        def keep(message, category, filename, lineno, file=None, line=None):
+            if issubclass(category, PlenoPIVWarning) and str(message) not in [str(w.message) for w in caught]:
+                caught.append(warnings.WarningMessage(message, category, filename, lineno, file, line))
+                show(message, category, filename, lineno, file, line)
+
+        warnings.showwarning = keep
+        yield caught

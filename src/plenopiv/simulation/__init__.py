@@ -1,0 +1,12 @@
+"""Synthetic recordings: particles in a flow, traced through the camera, digitised like a sensor does.
+
+- ``particles``: seeding a box at a number of particles per microlens
+- ``flows``: analytic velocity fields and their advection
+- ``images``: Monte-Carlo ray tracing of particles (Eqs. 1-5 of Shi, Ding & New 2016)
+- ``white``: the image of the evenly lit main lens under every microlens
+- ``sensor_noise``: electrons to counts
+- ``recording``: a folder as a camera's user has it, with the truth beside it
+
+Nothing here is shared with the projector that reconstruction uses, except the camera's parameters: the two check each
+other.
+"""

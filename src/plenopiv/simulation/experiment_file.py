@@ -1,0 +1,103 @@
+"""The ``experiment.toml`` that goes with a simulated recording."""
+
+from __future__ import annotations
+
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.sensor import Orientation
+from plenopiv.simulation.particles import Limits
+
+TEMPLATE = """\
+# One plenoptic recording, from raw images to a velocity field:  plenopiv run experiment.toml
+# Paths are relative to this file. Lengths in mm, times in s, as every key says.
+
+[camera]
+kind = "plenoptic"
+
+[camera.main_lens]
+focal_length_mm = {focal_length}
+aperture_mm = {aperture}
+magnification = {magnification}
+
+[camera.microlens_array]
+lattice = "{lattice}"
+pitch_mm = {pitch}
+focal_length_mm = {microlens_focal_length}
+
+[camera.sensor]
+columns = {columns}
+rows = {rows}
+pixel_pitch_mm = {pixel_pitch}
+bit_depth = {bit_depth}
+black_level = {black_level}
+
+[recording]
+white = "white.tif"            # where the microlenses are
+frames = ["a.tif", "b.tif"]    # a list, or a glob such as "run7/*.tif"
+dt_s = {dt}
+orientation = "{orientation}"        # "upright": columns grow with +x, rows with -y; "sensor": turned by 180 degrees
+
+[volume]
+x_mm = {x}
+y_mm = {y}
+z_mm = {z}             # 0 = focal plane, + toward the camera
+voxel_mm = {voxel}
+
+[reconstruction]
+method = "drt-mart"            # "mart", "drt-mart", ...
+iterations = 5
+relaxation = 0.3
+
+[correlation]
+windows = {windows}   # voxels along x, y, z, coarse to fine
+overlap = 0.5
+
+[output]
+directory = "results\""""
+
+
+def default_voxel_mm(camera: PlenopticCamera) -> tuple[float, float, float]:
+    """The paper's voxel (section 4) in the object: 36 mm / 2100 over |M| in the plane, p_l / M^2 in depth."""
+    m = abs(camera.main_lens.magnification)
+    in_plane = round(36.0 / 2100.0 / m, 10)
+    return in_plane, in_plane, round(camera.lattice.pitch_mm / m**2, 10)
+
+
+def _floats(values) -> str:
+    return "[" + ", ".join(repr(float(v)) for v in values) + "]"
+
+
+def _plain(value: float) -> str:
+    """A whole number without its point, as black levels are written."""
+    return repr(int(value)) if float(value).is_integer() else repr(float(value))
+
+
+def experiment_toml(
+    camera: PlenopticCamera,
+    orientation: Orientation,
+    dt_s: float,
+    volume_mm: Limits,
+    voxel_mm: tuple[float, float, float],
+    windows: tuple[tuple[int, int, int], ...],
+) -> str:
+    """The text of the file; limits and voxels in mm, windows in voxels along x, y, z."""
+    lens, sensor = camera.main_lens, camera.sensor
+    return TEMPLATE.format(
+        focal_length=float(lens.focal_length_mm),
+        aperture=float(lens.aperture_mm),
+        magnification=float(lens.magnification),
+        lattice=camera.lattice.kind,
+        pitch=float(camera.lattice.pitch_mm),
+        microlens_focal_length=float(camera.microlens_focal_length_mm),
+        columns=sensor.columns,
+        rows=sensor.rows,
+        pixel_pitch=float(sensor.pixel_pitch_mm),
+        bit_depth=sensor.bit_depth,
+        black_level=_plain(sensor.black_level),
+        dt=float(dt_s),
+        orientation=orientation,
+        x=_floats(volume_mm[0]),
+        y=_floats(volume_mm[1]),
+        z=_floats(volume_mm[2]),
+        voxel=_floats(voxel_mm),
+        windows=[list(map(int, w)) for w in windows],
+    )

@@ -1,0 +1,239 @@
+"""The lattice from white images: against known lattices, signs, errors, and an independent recording."""
+
+import json
+import warnings
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+from white_images import PIXEL_MM, E, camera_for, true_centres, white_image, worst_error_px
+
+from plenopiv.calibration import find_lattice
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+
+RECORDING = Path(__file__).parents[3] / "shared" / "recordings" / "rotation"
+
+
+@pytest.fixture(autouse=True)
+def _no_warnings():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", PlenoPIVWarning)
+        yield
+
+
+@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+@pytest.mark.parametrize(
+    ("shape", "pitch_px", "rotation_deg"),
+    [
+        ((400, 520), 8.024, 0.1),
+        ((400, 520), 8.024, 12.0),
+        ((400, 520), 14.04, 0.0),
+        ((400, 520), 14.04, 0.1),
+        ((400, 520), 14.04, 1.0),
+        ((400, 520), 14.04, -29.0),
+        ((600, 500), 28.09, 1.0),
+    ],
+)
+def test_centres_over_the_whole_sensor(kind, shape, pitch_px, rotation_deg):
+    offset = (0.37 * pitch_px, -0.21 * pitch_px)
+    white = white_image(shape, kind, pitch_px, rotation_deg, offset)
+    camera = camera_for(shape, kind, 1.008 * pitch_px)  # stated 0.8 % off
+    fit = find_lattice(white, camera)
+    assert worst_error_px(fit, camera, true_centres(shape, kind, pitch_px, rotation_deg, offset)) < 0.015
+    assert fit.image_pitch_px == pytest.approx(pitch_px, rel=5e-5)
+    assert fit.lattice.pitch_mm == pytest.approx(pitch_px * PIXEL_MM / (1.0 + E), rel=5e-5)  # microlenses, not images
+    assert fit.rotation_deg == pytest.approx(rotation_deg, abs=0.005)
+    assert fit.residual_px < 0.03
+    assert fit.worst_region_px < 0.02
+    assert abs(fit.stretch) < 2e-4
+    assert abs(fit.shear_rad) < 2e-4
+    assert fit.microlenses > 0.6 * shape[0] * shape[1] / (fit.lattice.row_spacing * pitch_px**2)
+
+
+@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+@pytest.mark.parametrize("pitch_px", [8.0, 28.0])
+def test_every_lens_at_the_same_sub_pixel_position(kind, pitch_px):
+    """A pitch of whole pixels without rotation: what a fit's bias depends on does not average out."""
+    shape, offset = (400, 500), (1.3, -2.6)
+    camera = camera_for(shape, kind, pitch_px)
+    fit = find_lattice(white_image(shape, kind, pitch_px, 0.0, offset), camera)
+    assert worst_error_px(fit, camera, true_centres(shape, kind, pitch_px, 0.0, offset)) < 0.05
+
+
+@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+@pytest.mark.parametrize(
+    "light",
+    [
+        {"fill": 0.6},
+        {"fill": 0.95},
+        {"fill": 1.08, "electrons": 1500.0},
+        {"electrons": 60.0},
+        {"falloff": 0.85},
+        {"dust": 0.1},
+    ],
+)
+def test_other_apertures_and_poor_light(kind, light):
+    shape, offset = (380, 460), (-3.1, 4.4)
+    # The stated aperture is wrong as well: the discs are measured, not believed.
+    camera = camera_for(shape, kind, 14.04, aperture_mm=14.3)
+    fit = find_lattice(white_image(shape, kind, 14.04, 3.0, offset, **light), camera)
+    assert worst_error_px(fit, camera, true_centres(shape, kind, 14.04, 3.0, offset)) < 0.03
+
+
+@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+def test_offset_and_rotation_have_the_sign_of_the_frame(kind):
+    """Columns grow with -s and rows with +t; rotation is counter-clockwise from s to t."""
+    shape, mm = (201, 261), PIXEL_MM / (1.0 + E)
+    camera = camera_for(shape, kind, 14.0)
+    for offset in ((3.0, 0.0), (-3.0, 0.0), (0.0, 3.0), (0.0, -3.0)):
+        fit = find_lattice(white_image(shape, kind, 14.0, 0.0, offset), camera)
+        assert np.array(fit.offset_mm) / mm == pytest.approx(offset, abs=0.03)
+    white = white_image(shape, kind, 14.0, 0.0, (3.0, 0.0), dust=0.0, falloff=0.0)
+    # A disc centred 3 px to the left of the axis (130, 100), 14 px wide.
+    assert white[100, 121:134].min() > 2000
+    for rotation_deg in (2.0, -2.0):
+        fit = find_lattice(white_image(shape, kind, 14.0, rotation_deg), camera)
+        assert fit.rotation_deg == pytest.approx(rotation_deg, abs=0.01)
+        # Along s micro-images go to the left, and for a positive rotation down in the image.
+        s, t = fit.lattice.centres(6, 0)
+        column, row = camera.sensor.pixel_from_plane(s * (1.0 + E), t * (1.0 + E))
+        assert column == pytest.approx(130 - 84, abs=0.5)
+        assert (row - 100) * rotation_deg > 2.0
+
+
+@pytest.mark.parametrize(("kind", "rotation_deg", "reduced_deg"), [
+    ("hexagonal", 40.0, -20.0), ("hexagonal", 75.0, 15.0), ("square", 60.0, -30.0), ("square", -50.0, 40.0),
+])  # fmt: skip
+def test_rotation_and_offset_are_reduced(kind, rotation_deg, reduced_deg):
+    shape, offset = (300, 360), (37.0, -50.0)
+    camera = camera_for(shape, kind, 14.04)
+    fit = find_lattice(white_image(shape, kind, 14.04, rotation_deg, offset), camera)
+    assert fit.rotation_deg == pytest.approx(reduced_deg, abs=0.01)
+    assert np.hypot(*fit.offset_mm) <= fit.lattice.pitch_mm / 2**0.5
+    assert fit.lattice.nearest(0.0, 0.0) == (0, 0)
+
+
+@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+def test_rows_along_t(kind):
+    """A hexagonal lattice with its rows along t is one turned by 30 degrees, of either sign."""
+    shape, offset = (300, 360), (2.0, 1.0)
+    camera = camera_for(shape, kind, 14.04)
+    fit = find_lattice(white_image(shape, kind, 14.04, 90.0, offset), camera)
+    assert worst_error_px(fit, camera, true_centres(shape, kind, 14.04, 90.0, offset)) < 0.02
+    assert abs(fit.rotation_deg) == pytest.approx(30.0 if kind == "hexagonal" else 0.0, abs=0.01)
+
+
+def test_stretched_array_shows_in_the_residuals():
+    """Spacing along s stretched by 0.2 %: reported, and warned of where it adds up to a tenth of a pixel."""
+    shape = (500, 500)
+    s, t = true_centres((520, 520), "hexagonal", 14.04, 0.0, (0.0, 0.0))
+    white = white_image(shape, "hexagonal", 14.04, centres=(1.002 * s, t))
+    with pytest.warns(PlenoPIVWarning, match=r"white\.tif: .* px off the fitted lattice in region \(row \d"):
+        fit = find_lattice(white, camera_for(shape, "hexagonal", 14.04), "white.tif")
+    assert fit.stretch == pytest.approx(0.002, rel=0.02)
+    assert fit.shear_rad == pytest.approx(0.0, abs=5e-5)
+    # Half of the stretch goes into the pitch, the rest is 0.001 of the distance: 188 px at the corner blocks' centres.
+    assert fit.residual_map_px[0][0] == pytest.approx(0.001 * 187.5 * 2**0.5, rel=0.1)
+    assert fit.image_pitch_px == pytest.approx(1.001 * 14.04, rel=1e-4)
+
+
+def test_sheared_array():
+    shape = (400, 400)
+    s, t = true_centres((420, 420), "square", 14.04, 0.0, (0.0, 0.0))
+    white = white_image(shape, "square", 14.04, centres=(s + 0.0008 * t, t))
+    fit = find_lattice(white, camera_for(shape, "square", 14.04))
+    assert fit.shear_rad == pytest.approx(0.0008, rel=0.05)
+    assert fit.rotation_deg == pytest.approx(np.degrees(-0.0004), abs=0.001)
+
+
+def test_rows_of_residual_map_are_rows_of_the_upright_image():
+    """One quarter of the array, top right, moved by 0.3 px: its blocks alone stand out."""
+    shape = (450, 600)
+    s, t = true_centres(shape, "hexagonal", 14.04, 0.0, (0.0, 0.0))
+    moved = (s < -150) & (t < -112)  # columns grow with -s, rows with t
+    with pytest.warns(PlenoPIVWarning, match=r"region \(row 1, column 4\)"):
+        fit = find_lattice(
+            white_image(shape, "hexagonal", 14.04, centres=(s + 0.3 * moved, t)), camera_for(shape, "hexagonal", 14.04)
+        )
+    assert np.unravel_index(np.argmax(fit.residual_map_px), (4, 4)) == (0, 3)
+
+
+@pytest.mark.parametrize("image", ["flat", "dark", "noise", "stripes"])
+def test_no_lattice(image):
+    shape = (300, 400)
+    rng = np.random.default_rng(1)
+    stripes = 1000.0 + 500.0 * np.cos(2 * pi * np.arange(400) / 14.04)
+    white = {
+        "flat": np.full(shape, 1000.0), "dark": rng.normal(60.0, 3.0, shape), "noise": rng.poisson(1000.0, shape),
+        "stripes": np.broadcast_to(stripes, shape) + rng.normal(0.0, 5.0, shape),
+    }[image]  # fmt: skip
+    with pytest.raises(PlenoPIVError, match=r"w\.tif: no microlens lattice of about 14\.04 px found: give an image"):
+        find_lattice(white, camera_for(shape, "hexagonal", 14.04), "w.tif")
+
+
+@pytest.mark.parametrize(("kind", "stated"), [("hexagonal", "square"), ("square", "hexagonal")])
+def test_wrong_kind(kind, stated):
+    white = white_image((300, 400), kind, 14.04, 5.0)
+    with pytest.raises(PlenoPIVError, match=f'shows a {kind} lattice .* states "{stated}": set it to "{kind}"'):
+        find_lattice(white, camera_for((300, 400), stated, 14.04))
+
+
+@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+@pytest.mark.parametrize("factor", [0.52, 0.95, 1.04, 2.0])
+def test_wrong_pitch(kind, factor):
+    white = white_image((300, 400), kind, 14.04, 5.0)
+    camera = camera_for((300, 400), kind, factor * 14.04)
+    with pytest.raises(
+        PlenoPIVError, match=rf"microlenses 76\.9\d um \(14\.0\d+ px\) apart, .* \({factor * 14.04:.3f} p"
+    ):
+        find_lattice(white, camera)
+
+
+def test_wrong_size():
+    with pytest.raises(PlenoPIVError, match=r"w\.tif: 400 x 300 px .* states 300 x 400"):
+        find_lattice(np.zeros((300, 400)), camera_for((400, 300), "square", 14.0), "w.tif")
+
+
+def test_not_finite():
+    with pytest.raises(PlenoPIVError, match=r"w\.tif: holds NaN"):
+        find_lattice(np.full((300, 400), np.nan), camera_for((300, 400), "square", 14.0), "w.tif")
+
+
+def test_too_few_microlenses():
+    with pytest.raises(PlenoPIVError, match=r"too few|no microlens lattice"):
+        find_lattice(white_image((70, 70), "square", 14.0), camera_for((70, 70), "square", 14.0))
+
+
+def test_saturation():
+    white = white_image((300, 400), "hexagonal", 14.04, electrons=4300.0, dust=0.0)
+    share = np.mean(white == 4095)
+    with pytest.warns(PlenoPIVWarning, match=f"w.tif: {share:.1%} of the pixels are saturated"):
+        find_lattice(white, camera_for((300, 400), "hexagonal", 14.04), "w.tif")
+
+
+def test_speckle_is_no_white_image():
+    white = white_image((300, 400), "hexagonal", 14.04, 5.0, electrons=500.0)
+    speckled = 60.0 + np.random.default_rng(2).exponential(1.0, white.shape) * (white - 60.0)
+    with pytest.raises(PlenoPIVError, match="look like evenly lit discs: give an image"):
+        find_lattice(np.minimum(speckled, 4000.0), camera_for((300, 400), "hexagonal", 14.04))
+
+
+@pytest.mark.skipif(not RECORDING.exists(), reason="the recordings beside the repository are absent")
+def test_independent_recording():
+    """The recording's own lattice. Its truth is in (s, t) of this package: same signs of offset and rotation.
+
+    The particle image of the same recording shows the lattice too, but is no white image.
+    """
+    import tifffile
+
+    camera = camera_for((1350, 1800), "hexagonal", 0.077 * (1.0 + E) / PIXEL_MM)
+    truth = json.loads((RECORDING / "truth.json").read_text())
+    fit = find_lattice(tifffile.imread(RECORDING / "white.tif"), camera)
+    assert fit.residual_px < 0.02
+    assert fit.worst_region_px < 0.005
+    assert fit.lattice.pitch_mm == pytest.approx(0.077, rel=1e-6)
+    assert fit.rotation_deg == pytest.approx(truth["lattice_rotation_deg"], abs=5e-5)
+    assert fit.offset_mm == pytest.approx(truth["lattice_offset_mm"], abs=0.002 * PIXEL_MM)
+    with pytest.raises(PlenoPIVError, match=r"a\.tif: "):
+        find_lattice(tifffile.imread(RECORDING / "a.tif"), camera, "a.tif")

@@ -1,0 +1,148 @@
+"""Errors, warnings, exit codes, help, start-up and progress."""
+
+import os
+import signal
+import subprocess
+import sys
+import warnings
+
+import pytest
+from small_recording import edit
+
+from plenopiv.cli import main
+from plenopiv.errors import PlenoPIVWarning
+
+
+def test_usage_errors_are_one_line_too(one_line):
+    assert "No such command 'rn'" in one_line("rn")
+    assert "Missing argument 'EXPERIMENT'; see plenopiv run --help" in one_line("run")
+    assert "No such option" in one_line("run", "a.toml", "--fast")
+
+
+def test_warnings_are_one_line_each_and_do_not_stop(folder, capsys):
+    file = edit(folder, "aperture_mm = 25.0", "aperture_mm = 20.0")
+    assert main(["info", str(file)]) == 0
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert err.startswith("plenopiv: warning: ")
+    assert "f-numbers do not match" in err
+
+
+def test_a_warning_is_said_once_and_others_are_left_alone(monkeypatch, capsys):
+    import plenopiv.cli.info
+
+    def warned(file):
+        for _ in range(3):
+            warnings.warn("frame 1 is\nbright", PlenoPIVWarning, stacklevel=1)
+        return "done"
+
+    monkeypatch.setattr(plenopiv.cli.info, "info", warned)
+    assert main(["info", "any"]) == 0
+    assert capsys.readouterr() == ("done\n", "plenopiv: warning: frame 1 is bright\n")
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (KeyboardInterrupt(), 130, "plenopiv: interrupted; nothing was written\n"),
+        (
+            MemoryError("60 GB"),
+            2,
+            "plenopiv: error: not enough memory (60 GB); use larger voxels or a smaller volume\n",
+        ),
+        (PermissionError(13, "Permission denied", "a.tif"), 2, "plenopiv: error: a.tif: Permission denied\n"),
+    ],
+)
+def test_other_ends_have_their_line_and_code(monkeypatch, capsys, error, code, line):
+    import plenopiv.cli.info
+
+    def fail(file):
+        raise error
+
+    monkeypatch.setattr(plenopiv.cli.info, "info", fail)
+    assert main(["info", "any"]) == code
+    assert capsys.readouterr().err == line
+
+
+def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
+    import plenopiv.cli.info
+
+    monkeypatch.setattr(plenopiv.cli.info, "info", lambda file: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        main(["info", "any"])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGTERM to catch")
+def test_termination_unwinds(monkeypatch):
+    import plenopiv.cli.info
+
+    cleaned = []
+
+    def interrupted(file):
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            signal.pause()
+        finally:
+            cleaned.append(True)
+
+    monkeypatch.setattr(plenopiv.cli.info, "info", interrupted)
+    with pytest.raises(SystemExit, match="143"):
+        main(["info", "any"])
+    assert cleaned == [True]
+
+
+@pytest.mark.parametrize("command", [[], ["init"], ["simulate"], ["calibrate"], ["run"], ["info"], ["demo"]])
+def test_help_teaches_by_example(command, capsys):
+    assert main([*command, "--help"]) == 0
+    assert f"plenopiv {' '.join(command)}" in capsys.readouterr().out.replace("Usage: plenopiv", "")
+
+
+HEAVY = ("numpy", "scipy", "numba", "xarray", "matplotlib", "dask", "tifffile", "h5netcdf", "rich")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["--version"]])
+def test_help_loads_nothing_heavy(arguments):
+    program = (
+        "import sys; from plenopiv.cli import main; code = main(sys.argv[1:]); "
+        f"print('loaded', [name for name in {HEAVY!r} if name in sys.modules]); sys.exit(code)"
+    )
+    ended = subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 0
+    assert ended.stdout.splitlines()[-1] == "loaded []"
+
+
+def test_import_loads_nothing_heavy():
+    program = (
+        "import sys, plenopiv, plenopiv.experiment; "
+        "print([n for n in ('numba', 'scipy', 'xarray', 'matplotlib', 'dask') if n in sys.modules])"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    assert ended.stdout.strip() == "[]"
+
+
+def test_progress_prints_a_line_for_a_long_stage_off_a_terminal(capsys, monkeypatch):
+    from plenopiv.cli import progress as module
+
+    clock = iter([0.0, 0.0, 0.0, 1.0, 1.5, 5.0, 6.0])
+    monkeypatch.setattr(module, "perf_counter", lambda: next(clock))
+    with module.Progress() as progress:
+        progress("calibration", 0, 1)
+        progress("calibration", 1, 1)
+        progress("reconstruction", 2, 10)
+        progress("reconstruction", 10, 10)
+        progress("reconstruction", 10, 10)
+    assert capsys.readouterr().err == "plenopiv: reconstruction: 3.5 s\n"
+
+
+def test_progress_draws_a_bar_on_a_terminal_after_two_seconds(capsys, monkeypatch):
+    from plenopiv.cli import progress as module
+
+    now = [0.0]
+    monkeypatch.setattr(module, "perf_counter", lambda: now[0])
+    with module.Progress() as progress:
+        monkeypatch.setattr(progress, "_terminal", True)
+        progress("reconstruction", 1, 10)
+        assert capsys.readouterr().err == ""
+        now[0] = 2.5
+        progress("reconstruction", 5, 10)
+    assert "reconstruction" in capsys.readouterr().err

@@ -1,0 +1,75 @@
+"""simulate, calibrate and info on good input."""
+
+import numpy as np
+from small_recording import edit
+
+from plenopiv.cli import main
+from plenopiv.experiment import Experiment
+
+SIMULATION = """
+[simulation]
+flow = "uniform"
+parameters = { velocity_m_s = [0.1, 0.0, 0.0] }
+particles_per_microlens = 0.1
+rays = 200
+"""
+
+
+def test_simulate_then_calibrate_and_inform(folder, tmp_path, capsys, one_line):
+    file = folder / "experiment.toml"
+    assert "has no [simulation] table" in one_line("simulate", file, tmp_path / "synthetic")
+    file.write_text(file.read_text() + SIMULATION)
+    edit(folder, "pitch_mm = 0.077 ", "rotation_deg = 0.4\noffset_mm = [0.01, 0.02]\npitch_mm = 0.077 ")
+    assert "holds the experiment file itself" in one_line("simulate", file, folder)
+    assert main(["simulate", str(file), str(tmp_path / "synthetic")]) == 0
+    assert "holds a recording already" in one_line("simulate", file, tmp_path / "synthetic")
+    capsys.readouterr()
+
+    made = tmp_path / "synthetic" / "experiment.toml"
+    assert Experiment.load(made).volume == Experiment.load(file).volume
+    assert main(["calibrate", str(made)]) == 0
+    assert "rotation   +0.4" in capsys.readouterr().out
+    assert "is already there" in one_line("calibrate", made)
+    assert main(["calibrate", str(made), "--overwrite"]) == 0
+
+    capsys.readouterr()
+    assert main(["info", str(made)]) == 0
+    text = capsys.readouterr().out
+    for part in (
+        "14.00 pixels per microlens",
+        "f/4",
+        "z from -0.309 to 0.307 mm",
+        "million voxels",
+        "seen by every view",
+    ):
+        assert part in text
+    assert main(["info", str(tmp_path / "synthetic" / "a.tif")]) == 0
+    assert "280 x 224 px" in capsys.readouterr().out
+
+
+def test_a_wrong_flow_is_named(folder, tmp_path, one_line):
+    file = folder / "experiment.toml"
+    file.write_text(file.read_text() + SIMULATION.replace("uniform", "unifrom"))
+    assert "simulation.flow: no flow is called 'unifrom', did you mean 'uniform'?" in one_line(
+        "simulate", file, tmp_path / "synthetic"
+    )
+    assert not (tmp_path / "synthetic").exists()
+
+
+def test_info_of_a_velocity_file_and_of_others(tmp_path, capsys, one_line):
+    import xarray as xr
+
+    from plenopiv.io import write_velocity
+
+    dims, shape = ("time", "z", "y", "x"), (1, 2, 3, 4)
+    values = {name: (dims, np.full(shape, value)) for name, value in zip("uvw", (0.1, -0.2, 0.0), strict=True)}
+    values["valid"] = (dims, (np.arange(24).reshape(shape) < 18).astype(np.int8))
+    axes = {"time": [0.0], "z": np.arange(2.0), "y": np.arange(3.0), "x": np.arange(4.0)}
+    write_velocity(tmp_path / "velocity.nc", xr.Dataset(values, axes))
+    assert main(["info", str(tmp_path / "velocity.nc")]) == 0
+    text = capsys.readouterr().out
+    assert "4 x 3 x 2" in text
+    assert "75.0 % measured" in text
+    assert "mean -0.2" in text
+    assert "info reads experiment files" in one_line("info", tmp_path / "notes.txt")
+    assert "no such file" in one_line("info", tmp_path / "none.nc")

@@ -1,0 +1,298 @@
+"""Windows, correlation, peaks, spline, deformation and validation against slow obvious oracles."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from plenopiv.displacement.correlation import WindowCorrelator, fade
+from plenopiv.displacement.deformation import DeformedPlanes
+from plenopiv.displacement.peaks import find_peaks, gaussian_offset
+from plenopiv.displacement.predictor import fit_spline, smooth_predictor
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.validation import find_outliers, normalised_median, replace
+from plenopiv.displacement.windows import window_grid
+from plenopiv.errors import PlenoPIVError
+from plenopiv.volume import DenseVolume, VoxelGrid
+
+# --- windows
+
+
+def test_windows_cover_the_volume_and_sit_in_its_middle():
+    grid = window_grid((104, 374, 513), (64, 64, 16), 0.5)
+    assert grid.shape == (12, 10, 15)
+    for starts, n, total in zip(grid.starts, grid.size, (104, 374, 513), strict=True):
+        before, after = starts[0], total - (starts[-1] + n)
+        assert before >= 0
+        assert after - before in (0, 1)
+        assert after + before < (starts[1] - starts[0])  # no further window would fit
+
+
+def test_window_centre_is_that_of_its_voxels():
+    grid = window_grid((16, 16, 17), (17, 16, 8), 0.5)
+    assert grid.centres[2].tolist() == [8.0]
+    assert grid.centres[0].tolist() == [3.5, 7.5, 11.5]
+
+
+def test_window_larger_than_the_volume_names_the_key():
+    with pytest.raises(PlenoPIVError, match=r"correlation\.windows: \[64, 64, 16\] is larger .*\[80, 80, 12\]"):
+        window_grid((12, 80, 80), (64, 64, 16), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("choice", "key"),
+    [
+        ({"windows": ()}, "windows"),
+        ({"windows": ((32, 32, 4),)}, "windows"),
+        ({"windows": ((32, 32, 16), (64, 32, 16))}, "coarse to fine"),
+        ({"overlap": 1.0}, "overlap"),
+        ({"fine_passes": 0}, "fine_passes"),
+        ({"whitening": float("nan")}, "whitening"),
+    ],
+)
+def test_settings_out_of_range(choice, key):
+    with pytest.raises(PlenoPIVError, match=key):
+        CorrelationSettings(**choice)
+
+
+# --- correlation and peaks
+
+
+def naive_correlation(a, b, weight, search):
+    """Direct sums over the window, wrapped around, divided by the overlap of the weights."""
+    a, b = (a - a.mean()) * weight, (b - b.mean()) * weight
+    one_d = [weight[:, weight.shape[1] // 2, weight.shape[2] // 2]]
+    one_d += [weight[weight.shape[0] // 2, :, weight.shape[2] // 2], weight[weight.shape[0] // 2, weight.shape[1] // 2]]
+    out = np.zeros([2 * r + 3 for r in search])
+    for index in np.ndindex(*out.shape):
+        d = [k - r - 1 for k, r in zip(index, search, strict=True)]
+        total = 0.0
+        for at in np.ndindex(*a.shape):
+            there = tuple((p + q) % n for p, q, n in zip(at, d, a.shape, strict=True))
+            total += a[at] * b[there]
+        for w, q in zip(one_d, d, strict=True):
+            n = len(w)
+            total /= sum(w[k] * w[k + q] for k in range(n) if 0 <= k + q < n) / sum(w * w)
+        out[index] = total
+    return out
+
+
+@pytest.mark.parametrize("taper", [0.0, 2.0])
+def test_correlation_is_the_direct_sum(taper):
+    rng = np.random.default_rng(3)
+    a, b = rng.random((2, 6, 7, 9)).astype(np.float32)
+    z, y, x = (fade(n, taper) for n in a.shape)
+    expected = naive_correlation(a.astype(float), b.astype(float), z[:, None, None] * y[:, None] * x, (1, 2, 2))
+    got = WindowCorrelator(a.shape, (1, 2, 2), taper=taper)(a[None], b[None])[0]
+    np.testing.assert_allclose(got, expected, atol=2e-5 * np.abs(expected).max())
+
+
+def test_variance_smooths_both_windows():
+    a = np.zeros((32, 32, 32), np.float32)
+    a[16, 16, 16] = 1
+    sharp, smooth = (WindowCorrelator(a.shape, (1, 1, 4), v)(a[None], a[None])[0, 2, 2] for v in (1.0, 2.0))
+    d = np.arange(-5, 6)
+    overlap = 1 - np.abs(d) / 32
+    for profile, variance in ((sharp, 1.0), (smooth, 2.0)):
+        np.testing.assert_allclose(
+            profile * overlap / profile[5], np.exp(-(d**2) / (4 * variance)), atol=2e-3
+        )  # autocorrelation of a Gaussian: twice its variance
+
+
+def test_no_bias_toward_zero():
+    """Normalised, the mean peak of many windows lies where the particles moved; without it, 0.04 voxel short."""
+    rng = np.random.default_rng(0)
+    n, shift, sigma = 16, 1.5, 1.0
+    k = np.arange(n)
+    total = 0.0
+    for _ in range(300):
+        x = rng.uniform(-6, n + 6, (12, 3))
+        light = [
+            sum(
+                np.exp(-0.5 * ((k - p[2]) / sigma) ** 2)[:, None, None]
+                * np.exp(-0.5 * ((k - p[1]) / sigma) ** 2)[:, None]
+                * np.exp(-0.5 * ((k - p[0] - side * shift) / sigma) ** 2)
+                for p in x
+            )[None].astype(np.float32)
+            for side in (-0.5, 0.5)
+        ]
+        total = total + WindowCorrelator((n, n, n), (1, 1, 4))(*light)
+    d = np.zeros((1, 3))
+    find_peaks(np.ascontiguousarray(total), d, np.zeros(1, np.float32), np.zeros(1, bool))
+    assert abs(d[0, 0] - shift) < 0.02
+    np.testing.assert_allclose(d[0, 1:], 0, atol=0.02)
+
+
+@pytest.mark.parametrize("whitening", [0.0, 0.5, 0.3])
+@pytest.mark.parametrize(("axis", "component"), [(2, 0), (1, 1), (0, 2)])
+def test_peak_is_where_the_second_window_went(whitening, axis, component):
+    rng = np.random.default_rng(5)
+    a = rng.random((1, 16, 16, 16)).astype(np.float32)
+    b = np.roll(a, 3, axis + 1)
+    d, ratio, found = np.zeros((1, 3)), np.zeros(1, np.float32), np.zeros(1, bool)
+    find_peaks(WindowCorrelator((16, 16, 16), (5, 5, 5), whitening=whitening)(a, b), d, ratio, found)
+    expected = np.zeros(3)
+    expected[component] = 3
+    np.testing.assert_allclose(d[0], expected, atol=0.1)
+    assert found[0]
+    assert ratio[0] > 3
+
+
+def test_gaussian_offset_closed_form():
+    f = lambda t: np.exp(-((t - 0.3) ** 2) / 2)  # noqa: E731
+    assert gaussian_offset(f(-1), f(0), f(1)) == pytest.approx(0.3)
+    assert gaussian_offset(-0.1, 1.0, 0.5) == pytest.approx(0.5 * 0.6 / 1.6)  # parabola
+    assert gaussian_offset(1.0, 1.0, 1.0) == 0.0
+
+
+def test_second_peak_and_slopes():
+    c = np.zeros((3, 3, 3, 21), np.float32)
+    c[0, 1, 1, 4], c[0, 1, 1, 15], c[0, 1, 1, 6] = 2.0, 1.0, 1.8  # 6 is the flank of 4
+    c[1, 1, 1] = np.arange(21)  # rises beyond the search radius
+    c[2] = -1.0
+    d, ratio, found = np.zeros((3, 3)), np.zeros(3, np.float32), np.ones(3, bool)
+    find_peaks(c, d, ratio, found)
+    assert d[0, 0] == pytest.approx(4 - 10)
+    assert ratio[0] == pytest.approx(2.0)
+    assert found.tolist() == [True, False, False]
+
+
+# --- predictor and deformation
+
+
+def test_spline_is_the_natural_cubic_one_and_straight_beyond():
+    rng = np.random.default_rng(1)
+    centres = tuple(3.5 + 4.0 * np.arange(n) for n in (3, 4, 6))
+    values = rng.standard_normal((3, 3, 4, 6))
+    shape = (16, 20, 28)
+    spline = fit_spline(values, centres, shape)
+    expected = values
+    for axis, knots in enumerate(centres, 1):
+        at = np.arange(shape[axis - 1])
+        s = CubicSpline(knots, expected, axis=axis, bc_type="natural")
+        inside = s(np.clip(at, knots[0], knots[-1]))
+        beyond = (at - np.clip(at, knots[0], knots[-1])).reshape([-1 if k == axis else 1 for k in range(4)])
+        expected = inside + beyond * s(np.clip(at, knots[0], knots[-1]), 1)
+    np.testing.assert_allclose(spline.at(*(np.arange(n) for n in shape)), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_spline_with_few_vectors_keeps_linear_fields(count):
+    centres = (np.array([4.5]), np.array([4.5, 9.5]), 4.5 + 5.0 * np.arange(count))
+    values = np.broadcast_to(1.0 + 0.2 * centres[2] - 0.1 * centres[1][:, None], (3, 1, 2, count))
+    got = fit_spline(values, centres, (10, 15, 20)).at(np.arange(10), np.arange(15), np.arange(20))
+    x = np.arange(20) if count > 1 else np.full(20, 4.5)
+    np.testing.assert_allclose(got, np.broadcast_to(1 + 0.2 * x - 0.1 * np.arange(15)[:, None], got.shape), atol=1e-5)
+
+
+def test_predictor_filter_keeps_lines_and_removes_zigzag():
+    z, y, x = np.meshgrid(*(np.arange(n, dtype=float) for n in (5, 6, 7)), indexing="ij")
+    line = np.stack([z + 2 * y, x - y, 3 + z])
+    np.testing.assert_allclose(smooth_predictor(line, 0.5), line, atol=1e-12)
+    zigzag = np.stack([(-1.0) ** x] * 3)
+    assert np.abs(smooth_predictor(zigzag, 0.5)[..., 2:-2]).max() < 1e-12
+    wave = np.broadcast_to(np.cos(2 * np.pi * np.arange(48) / 6), (3, 1, 1, 48))  # three windows at 50 % overlap
+    np.testing.assert_allclose(smooth_predictor(wave, 0.5)[..., 2:-2], 0.9375 * wave[..., 2:-2], atol=1e-12)
+
+
+def naive_sample(values, x, y, z):
+    """Cubic B-spline blend of all voxels within reach, zero outside."""
+    beta = lambda t: 2 / 3 - t**2 + abs(t) ** 3 / 2 if abs(t) < 1 else max(2 - abs(t), 0.0) ** 3 / 6  # noqa: E731
+    total = 0.0
+    for k, j, i in np.ndindex(*values.shape):
+        if max(abs(x - i), abs(y - j), abs(z - k)) < 2:
+            total += values[k, j, i] * beta(x - i) * beta(y - j) * beta(z - k)
+    return total
+
+
+@pytest.mark.parametrize("share", [-0.5, 0.5])
+def test_deformed_planes_are_the_naive_blend(share):
+    rng = np.random.default_rng(2)
+    shape = (9, 8, 10)
+    volume = DenseVolume(VoxelGrid((0.0,) * 3, (1.0,) * 3, shape), rng.random(shape).astype(np.float32))
+    centres = tuple(2.0 + 3.0 * np.arange(n) for n in (3, 2, 3))
+    spline = fit_spline(4 * rng.standard_normal((3, 3, 2, 3)), centres, shape)
+    d = share * spline.at(*(np.arange(n) for n in shape))
+    got = DeformedPlanes(volume, spline, share).slab(2, 6)
+    for k, j, i in np.ndindex(*got.shape):
+        dx, dy, dz = d[:, k + 2, j, i]
+        assert got[k, j, i] == pytest.approx(naive_sample(volume.values, i + dx, j + dy, k + 2 + dz), abs=2e-5)
+
+
+# --- validation
+
+
+def naive_residual(field, believed, floor):
+    """The definition, one vector at a time."""
+    _, *shape = field.shape
+    out = np.full(shape, np.inf)
+    for at in np.ndindex(*shape):
+        near = {}
+        for step in np.ndindex(3, 3, 3):
+            offset = tuple(s - 1 for s in step)
+            there = tuple(a + o for a, o in zip(at, offset, strict=True))
+            if offset != (0, 0, 0) and all(0 <= t < n for t, n in zip(there, shape, strict=True)) and believed[there]:
+                near[offset] = field[(slice(None), *there)]
+        if len(near) < 3:
+            continue
+        carried = {o: d.copy() for o, d in near.items()}
+        for axis in range(3):
+            for side in (-1, 1):
+                steps = []
+                for o, d in near.items():
+                    inner = tuple(0 if k == axis else v for k, v in enumerate(o))
+                    if o[axis] == side and inner in near:
+                        steps.append(d - near[inner])
+                if steps:
+                    step = np.median(steps, axis=0)
+                    for o in carried:
+                        if o[axis] == side:
+                            carried[o] = carried[o] - step
+        values = np.array(list(carried.values()))
+        median = np.median(values, axis=0)
+        spread = np.median(np.abs(values - median), axis=0)
+        out[at] = (np.abs(field[(slice(None), *at)] - median) / (spread + floor)).max()
+    return out
+
+
+def test_normalised_median_is_its_definition():
+    rng = np.random.default_rng(4)
+    field = rng.standard_normal((3, 4, 5, 4))
+    believed = rng.random((4, 5, 4)) > 0.3
+    np.testing.assert_allclose(normalised_median(field, believed, 0.1), naive_residual(field, believed, 0.1), rtol=1e-9)
+
+
+def linear_field(shape):
+    z, y, x = np.meshgrid(*(np.arange(n, dtype=float) for n in shape), indexing="ij")
+    return np.stack([1.4 * z + 0.2 * x, -0.5 * y + 0.3 * z, 2 - 0.6 * x])
+
+
+def test_shear_and_crests_are_no_outliers_but_outliers_are():
+    shape = (8, 9, 10)
+    y = np.arange(9)[:, None]
+    rng = np.random.default_rng(6)
+    field = linear_field(shape) + 2 * np.sin(2 * np.pi * y / 6) + 0.05 * rng.standard_normal((3, *shape))
+    wrong = rng.random(shape) < 0.08
+    wrong[0, 0, 0] = wrong[3, 4, 5] = True
+    everywhere = np.ones(shape, bool)
+    assert find_outliers(field, everywhere, 3.0, 0.1).mean() < 0.01
+    field[:, wrong] += rng.choice([-1, 1], (3, wrong.sum())) * rng.uniform(3, 10, (3, wrong.sum()))
+    outlier = find_outliers(field, everywhere, 3.0, 0.1)
+    assert outlier[wrong].mean() > 0.95
+    assert outlier[~wrong].mean() < 0.05
+
+
+def test_replacement_of_a_linear_field_is_exact_even_for_a_corner():
+    truth = linear_field((5, 6, 7))
+    valid = np.random.default_rng(7).random((5, 6, 7)) > 0.3
+    valid[:2, :2, :3] = False
+    valid[4] = False
+    damaged = np.where(valid, truth, 99.0)
+    np.testing.assert_allclose(replace(damaged, valid), truth, atol=1e-9)
+
+
+def test_replacement_from_one_vector_and_from_none():
+    field, valid = np.zeros((3, 2, 3, 4)), np.zeros((2, 3, 4), bool)
+    field[:, 1, 1, 1], valid[1, 1, 1] = (1, 2, 3), True
+    np.testing.assert_allclose(replace(field, valid), np.reshape([1, 2, 3], (3, 1, 1, 1)) + field * 0)
+    with pytest.raises(PlenoPIVError, match=r"correlation\.windows"):
+        replace(field, np.zeros_like(valid))

@@ -1,0 +1,274 @@
+"""The experiment file: what it becomes, and the one line that each mistake gets."""
+
+import copy
+import math
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.errors import PlenoPIVError
+from plenopiv.experiment import Experiment
+from plenopiv.experiment.tables import CorrelationTable, ReconstructionTable
+from plenopiv.reconstruction.settings import ReconstructionSettings
+
+TEXT = """
+[camera]
+kind = "plenoptic"
+[camera.main_lens]
+focal_length_mm = 50.0
+aperture_mm = 25.0
+magnification = -1.0
+[camera.microlens_array]
+lattice = "hexagonal"
+pitch_mm = 0.077
+focal_length_mm = 0.308
+[camera.sensor]
+columns = 1800
+rows = 1350
+pixel_pitch_mm = 0.0055
+bit_depth = 12
+black_level = 60
+[recording]
+white = "white.tif"
+frames = ["a.tif", "b.tif"]
+dt_s = 0.0005
+orientation = "upright"
+[volume]
+x_mm = [-4.2, 4.2]
+y_mm = [-3.0, 3.0]
+z_mm = [-4.0, 4.0]
+voxel_mm = [0.0171428571, 0.0171428571, 0.077]
+[correlation]
+windows = [[128, 128, 32], [64, 64, 16]]
+"""
+SHARED = Path(__file__).parents[3] / "shared" / "recordings" / "rotation" / "experiment.toml"
+
+
+def changed(key: str, value=None) -> dict:
+    """The file above with one dotted key set, or left out where the value is None."""
+    tables = copy.deepcopy(tomllib.loads(TEXT))
+    *path, last = key.split(".")
+    place = tables
+    for name in path:
+        place = place.setdefault(name, {})
+    if value is None:
+        place.pop(last)
+    else:
+        place[last] = value
+    return tables
+
+
+def error_of(tables: dict) -> str:
+    with pytest.raises(PlenoPIVError) as caught:
+        Experiment.from_dict(tables, "run7.toml")
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith("run7.toml: ")
+    return message
+
+
+MISTAKES = [
+    ("camera.main_lens.apperture_mm", 25.0, "camera.main_lens.apperture_mm: unknown key; did you mean aperture_mm?"),
+    ("camera.sensor.dt_s", 1.0, "did you mean recording.dt_s?"),
+    ("camera.sensor.gamma", 1.0, "[camera.sensor] takes columns, rows"),
+    ("voulme.x_mm", [0, 1], "voulme: unknown key; did you mean volume?"),
+    ("camera.main_lens.f_number", 2.0, "exactly one of aperture_mm and f_number"),
+    ("camera.main_lens.aperture_mm", None, "exactly one of aperture_mm and f_number"),
+    ("camera.main_lens.focal_length_mm", None, "main_lens.focal_length_mm: missing; add focal_length_mm to [camera."),
+    ("camera.sensor", None, "camera.sensor: missing; add a [camera.sensor] table"),
+    ("camera.main_lens.focal_length_mm", "50", "camera.main_lens.focal_length_mm: must be a number, not '50'"),
+    ("camera.main_lens.focal_length_mm", True, "must be a number"),
+    ("camera.main_lens.focal_length_mm", math.nan, "must be a finite number"),
+    ("camera.main_lens.focal_length_mm", math.inf, "must be a finite number"),
+    ("camera.main_lens.focal_length_mm", -50.0, "camera.main_lens.focal_length_mm = -50.0: must be greater than 0"),
+    ("camera.main_lens.magnification", 1.0, "must be negative"),
+    ("camera.main_lens.aperture_mm", 0.05, "no parallax"),
+    ("camera.microlens_array.pitch_mm", 77.0, "is it in mm?"),
+    ("camera.microlens_array.pitch_mm", 0.008, "under two pixels"),
+    ("camera.microlens_array.focal_length_mm", 308.0, "image distance, 100 mm"),
+    ("camera.microlens_array.lattice", "round", "must be 'square' or 'hexagonal'"),
+    ("camera.sensor.rows", 1350.0, "must be a whole number"),
+    ("camera.sensor.bit_depth", 32, "less than or equal to 16"),
+    ("camera.sensor.black_level", 4095, "not below full scale"),
+    ("camera.kind", "pinhole", "must be 'plenoptic'"),
+    ("recording.frames", ["a.tif"], "recording.frames: 1 frame given; a velocity needs at least two"),
+    ("recording.frames", 7, "list of file names"),
+    ("recording.frames", ["a.tif", 3], "list of file names"),
+    ("recording.dt_s", 0, "must be greater than 0"),
+    ("recording.orientation", "up", "must be 'upright' or 'sensor'"),
+    ("recording.orientation", None, "recording.orientation: missing"),
+    ("recording.white", None, "camera.microlens_array.rotation_deg and offset_mm"),
+    ("volume.x_mm", [4.0, -4.0], "the lower limit of x_mm = [4, -4] is not below the upper one"),
+    ("volume.x_mm", [1.0], "volume.x_mm: has too few entries"),
+    ("volume.x_mm", 4.0, "must be a list"),
+    ("volume.x_mm", [-9.0, 9.0], "seen by no view"),
+    ("volume.z_mm", [-4.0, 100.0], "not in front of the main lens, which is at z = 100 mm"),
+    ("volume.voxel_mm", [1e-5, 1e-5, 1e-5], "are all lengths in mm?"),
+    ("volume.voxel_mm", [0.0, 1.0, 1.0], "volume.voxel_mm[0] = 0.0: must be greater than 0"),
+    ("reconstruction.method", "magic", "must be 'drt-mart' or 'mart'"),
+    ("reconstruction.iterations", 0, "greater than or equal to 1"),
+    ("reconstruction.relaxation", 1.5, "less than or equal to 1"),
+    ("correlation.windows", [[64, 64]], "correlation.windows[0]: has too few entries"),
+    ("correlation.windows", [[64, 64, 16], [128, 128, 32]], "coarse to fine"),
+    ("correlation.windows", [[64, 64, 128]], "128 voxels along z do not fit into a volume of 104"),
+    ("correlation.overlap", 1.0, "correlation.overlap: 1.0 is out of range"),
+    ("simulation", {}, "simulation.flow: missing"),
+]
+
+
+@pytest.mark.parametrize(("key", "value", "expected"), MISTAKES)
+def test_a_mistake_gets_one_line_that_names_it(key, value, expected):
+    assert expected in error_of(changed(key, value))
+
+
+def test_several_mistakes_are_counted_and_named_by_key():
+    tables = changed("camera.main_lens.apperture_mm", 25.0)
+    tables["recording"]["dt_s"] = -1.0
+    tables["volume"]["y_mm"] = "wide"
+    message = error_of(tables)
+    assert "apperture_mm: unknown key" in message
+    assert message.endswith("(and 2 more: recording.dt_s = -1.0, volume.y_mm)")
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"[camera]\nkind = plenoptic\n", "line 2"),
+        (b"[camera]\nkind = 'plenoptic'\nkind = 'plenoptic'\n", "line 3"),
+        (b"\xff\xfe\x00\x01", "UTF-8"),
+        (b"", "camera: missing; add a [camera] table"),
+    ],
+)
+def test_a_broken_file_is_named(tmp_path, content, expected):
+    path = tmp_path / "broken.toml"
+    path.write_bytes(content)
+    with pytest.raises(PlenoPIVError) as caught:
+        Experiment.load(path)
+    assert str(path) in str(caught.value)
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path):
+    with pytest.raises(PlenoPIVError, match="no such file; plenopiv init"):
+        Experiment.load(tmp_path / "none.toml")
+    with pytest.raises(PlenoPIVError, match="is a folder"):
+        Experiment.load(tmp_path)
+
+
+def test_the_shared_schema_loads():
+    if not SHARED.exists():
+        pytest.skip("the shared recordings are not beside this checkout")
+    experiment = Experiment.load(SHARED)
+    assert experiment.grid().shape == (104, 374, 514)
+    assert experiment.output_directory == SHARED.parent / "results"
+    assert experiment.reconstruction.iterations == 5
+
+
+def test_camera_and_grid_are_those_of_the_file():
+    tables = changed("camera.microlens_array.rotation_deg", 0.5)
+    tables["camera"]["microlens_array"]["offset_mm"] = [0.01, -0.02]
+    experiment = Experiment.from_dict(tables)
+    camera, grid = experiment.camera(), experiment.grid()
+    assert camera.main_lens.object_distance_mm == pytest.approx(100.0)
+    assert camera.lattice.rotation_rad == pytest.approx(math.radians(0.5))
+    assert camera.lattice.offset_mm == (0.01, -0.02)
+    assert camera.sensor.black_level == 60.0
+    assert grid.limits_mm()[2] == pytest.approx((-4.004, 4.004))
+
+
+def test_f_number_is_focal_length_over_aperture():
+    tables = changed("camera.main_lens.aperture_mm")
+    tables["camera"]["main_lens"]["f_number"] = 2.0
+    assert Experiment.from_dict(tables).camera().main_lens.aperture_mm == pytest.approx(25.0)
+
+
+def test_without_a_white_image_the_lattice_must_be_stated():
+    tables = changed("recording.white")
+    tables["camera"]["microlens_array"] |= {"rotation_deg": 0.0, "offset_mm": [0.0, 0.0]}
+    assert Experiment.from_dict(tables).recording_table.white is None
+
+
+def test_good_files_raise_no_warning():
+    tables = changed("volume.x_mm", [-3.0, 3.0])
+    tables["volume"]["y_mm"] = [-2.0, 2.0]
+    assert Experiment.from_dict(tables).warnings() == []
+
+
+def test_mismatched_f_numbers_are_stated_with_the_aperture_that_matches():
+    # S_i / P_m = 100/20 = f/5 against f_l / p_l = f/4; they match at P_m = S_i p_l / f_l = 25 mm
+    (line,) = Experiment.from_dict(changed("camera.main_lens.aperture_mm", 20.0)).warnings()[:1]
+    assert "f/5 " in line
+    assert "f/4 " in line
+    assert "25 mm" in line
+    barely = Experiment.from_dict(changed("camera.main_lens.aperture_mm", 25.4))
+    assert not any("f-number" in line for line in barely.warnings())
+
+
+def test_a_volume_within_the_dead_zone_is_warned_about():
+    tables = changed("volume.z_mm", [-0.3, 0.3])
+    tables["volume"]["voxel_mm"] = [0.0171428571, 0.0171428571, 0.03]
+    tables["correlation"]["windows"] = [[64, 64, 16]]
+    assert any("depth cannot be told" in line for line in Experiment.from_dict(tables).warnings())
+
+
+def test_the_share_that_some_views_miss_is_stated():
+    # At z = 4: d = 96, A = 1 + 100/96 - 2 = 1/24, B = -100/96; half width W = 1800 * 0.0055 / 2 / 1.00308.
+    reach = (4.95 / 1.00308 - 12.5 / 24) * 0.96
+    inside, outside = changed("volume.x_mm", [-reach + 1e-6, 1.0]), changed("volume.x_mm", [-reach - 1e-3, 1.0])
+    inside["volume"]["y_mm"] = outside["volume"]["y_mm"] = [-2.0, 2.0]
+    assert Experiment.from_dict(inside).warnings() == []
+    assert any("missed by some views" in line for line in Experiment.from_dict(outside).warnings())
+
+
+def test_the_resolved_file_is_the_same_experiment_elsewhere(tmp_path):
+    experiment = Experiment.from_dict(tomllib.loads(TEXT), tmp_path / "run7" / "experiment.toml")
+    same = Experiment.from_dict(tomllib.loads(experiment.dump_toml()))
+    assert same.model_dump() == experiment.model_dump()
+    results = tmp_path / "run7" / "results"
+    moved = Experiment.from_dict(tomllib.loads(experiment.dump_toml(results)), results / "experiment.toml")
+    assert moved.recording_table.frames == ("../a.tif", "../b.tif")
+    assert moved.output_directory.resolve() == results.resolve()
+    assert "fine_passes" in experiment.dump_toml()
+
+
+@pytest.mark.parametrize(
+    ("table", "settings"), [(CorrelationTable, CorrelationSettings), (ReconstructionTable, ReconstructionSettings)]
+)
+def test_every_setting_is_a_key_of_the_file(table, settings):
+    assert list(table.model_fields) == [field.name for field in fields(settings)]
+    shared = {"windows": settings().windows} if table is CorrelationTable else {}
+    assert table(**shared).settings() == settings()
+
+
+def test_correlation_settings_carry_the_keys():
+    tables = changed("correlation.smoothing_voxels", 1.25)
+    settings = Experiment.from_dict(tables).correlation.settings()
+    assert settings.smoothing_voxels == 1.25
+    assert settings.windows == ((128, 128, 32), (64, 64, 16))
+
+
+def test_coverage_agrees_with_tracing_every_ray():
+    from plenopiv.cameras.coverage import coverage, half_sensor_mm
+
+    camera = Experiment.from_dict(tomllib.loads(TEXT)).camera()
+    limits = ((3.9, 5.3), (2.5, 3.9), (3.0, 6.0))
+    half_x, half_y = half_sensor_mm(camera)
+    angle, radius = np.meshgrid(np.linspace(0, 2 * np.pi, 121), np.linspace(0, 12.5, 26))
+    u, v = (radius * np.cos(angle)).ravel(), (radius * np.sin(angle)).ravel()
+    every = none = total = 0
+    for z in np.linspace(*limits[2], 9):
+        for y in np.linspace(*limits[1], 9):
+            for x in np.linspace(*limits[0], 9):
+                s, t = (camera.spread(z) * q + camera.scale(z) * p for q, p in ((u, x), (v, y)))
+                seen = (abs(s) <= half_x) & (abs(t) <= half_y)
+                every, none, total = every + seen.all(), none + (not seen.any()), total + 1
+    share = coverage(camera, limits, samples=9)
+    assert 0 < every < total
+    assert 0 < none < total
+    assert share.every_view == pytest.approx(every / total, abs=0.01)
+    assert share.no_view == pytest.approx(none / total, abs=0.02)

@@ -1,0 +1,213 @@
+"""Images: what is read, and the one line that each bad file gets. No missing strip may turn into zeros."""
+
+import struct
+import warnings
+
+import numpy as np
+import pytest
+import tifffile
+
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.recording import Recording, find_frames, natural_order, read_image
+from plenopiv.sensor import Sensor
+
+SENSOR = Sensor(60, 40, 0.0055, 12, 60.0)
+
+
+@pytest.fixture
+def counts():
+    return np.random.default_rng(1).integers(55, 900, (SENSOR.rows, SENSOR.columns)).astype(np.uint16)
+
+
+def write(path, image, **options):
+    tifffile.imwrite(path, image, **options)
+    return path
+
+
+def refused(path, sensor=SENSOR):
+    with pytest.raises(PlenoPIVError) as caught:
+        read_image(path, sensor)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"compression": "lzw"},
+        {"compression": "adobe_deflate", "predictor": True},
+        {"bigtiff": True},
+        {"tile": (16, 16)},
+    ],
+)
+def test_counts_come_back_as_they_were_written(tmp_path, counts, options):
+    read = read_image(write(tmp_path / "a.tif", counts, **options), SENSOR)
+    assert read.dtype == np.uint16
+    np.testing.assert_array_equal(read, counts)
+
+
+def test_frames_come_upright(tmp_path, counts):
+    paths = (write(tmp_path / "a.tif", counts), write(tmp_path / "b.tif", counts + 1))
+    white = write(tmp_path / "white.tif", counts + 2)
+    as_stored = Recording(SENSOR, paths, white, 1e-3, "upright")
+    turned = Recording(SENSOR, paths, white, 1e-3, "sensor")
+    np.testing.assert_array_equal(as_stored.frame(1), counts + 1)
+    np.testing.assert_array_equal(turned.frame(0)[0, 0], counts[-1, -1])
+    np.testing.assert_array_equal(turned.frame(0), counts[::-1, ::-1])
+    np.testing.assert_array_equal(turned.white(), counts[::-1, ::-1] + 2)
+    assert len(turned) == 2
+    assert Recording(SENSOR, paths, None, 1e-3, "upright").white() is None
+
+
+def test_a_missing_file_a_folder_and_an_empty_file(tmp_path):
+    assert "no such file" in refused(tmp_path / "none.tif")
+    assert "cannot be read" in refused(tmp_path)
+    empty = tmp_path / "empty.tif"
+    empty.touch()
+    assert "is empty (0 bytes)" in refused(empty)
+
+
+def test_what_is_no_tiff_says_that_only_tiff_is_read(tmp_path):
+    path = tmp_path / "a.tif"
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
+    assert "only TIFF is read" in refused(path)
+
+
+@pytest.mark.parametrize("options", [{}, {"compression": "lzw"}, {"rowsperstrip": 4}, {"tile": (16, 16)}])
+@pytest.mark.parametrize("kept", [0.3, 0.7, 0.98])
+def test_a_truncated_file_is_refused(tmp_path, counts, options, kept):
+    path = write(tmp_path / "a.tif", counts, **options)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(kept * len(content))])
+    assert any(word in refused(path) for word in ("truncated", "damaged", "incomplete"))
+
+
+def test_a_strip_of_no_bytes_is_refused_where_the_reader_gives_zeros(tmp_path, counts):
+    path = write(tmp_path / "a.tif", counts, rowsperstrip=10)
+    with tifffile.TiffFile(path) as tif:
+        tag = tif.pages[0].tags["StripByteCounts"]
+        at, strips, width = tag.valueoffset, tag.count, {3: 2, 4: 4}[tag.dtype]
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<H" if width == 2 else "<I", content, at + width * (strips - 1), 0)
+    path.write_bytes(content)
+    assert not tifffile.imread(path)[-10:].any()  # what this guards against
+    assert f"1 of {strips} strips have no pixels" in refused(path)
+
+
+def test_damaged_compressed_pixels_are_refused(tmp_path, counts):
+    path = write(tmp_path / "a.tif", counts, compression="adobe_deflate")
+    with tifffile.TiffFile(path) as tif:
+        page = tif.pages[0]
+        middle = page.dataoffsets[0] + page.databytecounts[0] // 2
+    content = bytearray(path.read_bytes())
+    content[middle : middle + 40] = bytes(40)
+    path.write_bytes(content)
+    assert "damaged" in refused(path)
+
+
+def test_another_size_names_both(tmp_path, counts):
+    message = refused(write(tmp_path / "a.tif", counts[:, :-2]))
+    assert "58 x 40" in message
+    assert "60 x 40" in message
+
+
+def test_a_header_that_claims_a_huge_image_allocates_nothing(tmp_path, counts):
+    path = write(tmp_path / "a.tif", counts)
+    with tifffile.TiffFile(path, mode="r+b") as tif:
+        tif.pages[0].tags["ImageWidth"].overwrite(65535)
+        tif.pages[0].tags["ImageLength"].overwrite(65535)
+    assert "65535 x 65535" in refused(path)
+    assert "incomplete" in refused(path, Sensor(65535, 65535, 0.0055, 12))  # 8 GB of zeros for a reader that trusts it
+
+
+def test_values_above_full_scale_are_a_contradiction(tmp_path, counts):
+    counts[3, 4] = 5001
+    assert "5001, above full scale of 12 bits, 4095; set camera.sensor.bit_depth" in refused(
+        write(tmp_path / "a.tif", counts)
+    )
+
+
+def test_left_aligned_counts_are_recognised(tmp_path, counts):
+    assert "multiples of 16" in refused(write(tmp_path / "a.tif", counts << 4))
+
+
+def test_eight_bit_files_of_a_deeper_sensor_are_refused(tmp_path, counts):
+    path = write(tmp_path / "a.tif", (counts >> 4).astype(np.uint8))
+    assert "holds 8 bits per pixel, but camera.sensor.bit_depth is 12" in refused(path)
+    eight = Sensor(60, 40, 0.0055, 8)
+    assert read_image(path, eight).dtype == np.uint16
+
+
+def test_colour_images_are_refused(tmp_path, counts):
+    rgb = write(tmp_path / "rgb.tif", np.stack([counts] * 3, -1), photometric="rgb")
+    assert "colour cameras are not supported" in refused(rgb)
+    assert "Bayer" in refused(rgb)
+    palette = np.zeros((3, 256), np.uint16)
+    indexed = write(tmp_path / "p.tif", counts.astype(np.uint8), photometric="palette", colormap=palette)
+    assert "colour" in refused(indexed)
+    cfa = write(tmp_path / "cfa.tif", counts, photometric="cfa")
+    assert "Bayer" in refused(cfa)
+    inverted = write(tmp_path / "w.tif", counts, photometric="miniswhite")
+    assert "white as 0" in refused(inverted)
+
+
+def test_floats_are_refused_nan_or_not(tmp_path, counts):
+    image = counts.astype(np.float32)
+    image[0, 0] = np.nan
+    assert "holds float32 values" in refused(write(tmp_path / "a.tif", image))
+
+
+def test_several_pages_are_refused(tmp_path, counts):
+    path = write(tmp_path / "a.tif", np.stack([counts, counts]), photometric="minisblack")
+    assert "holds 2 images, wanted one" in refused(path)
+
+
+def test_a_blank_image_is_refused(tmp_path, counts):
+    assert "every pixel is 60" in refused(write(tmp_path / "a.tif", np.full_like(counts, 60)))
+
+
+def test_one_frame_is_too_few(tmp_path, counts):
+    with pytest.raises(PlenoPIVError, match="1 frame"):
+        Recording(SENSOR, (write(tmp_path / "a.tif", counts),), None, 1e-3, "upright")
+
+
+def test_a_recording_checks_all_its_files_at_once(tmp_path, counts):
+    good, bad = write(tmp_path / "a.tif", counts), write(tmp_path / "b.tif", counts[1:])
+    with pytest.raises(PlenoPIVError, match=r"b\.tif"):
+        Recording(SENSOR, (good, bad), None, 1e-3, "upright")
+    with pytest.raises(PlenoPIVError, match=r"white\.tif: no such file"):
+        Recording(SENSOR, (good, good), tmp_path / "white.tif", 1e-3, "upright")
+
+
+def test_the_white_image_is_no_frame(tmp_path, counts):
+    paths = (write(tmp_path / "a.tif", counts), write(tmp_path / "b.tif", counts))
+    with pytest.raises(PlenoPIVError, match=r"b\.tif: is named both in recording\.white and in recording\.frames"):
+        Recording(SENSOR, paths, paths[1], 1e-3, "upright")
+
+
+def test_saturation_is_warned_about_above_its_limit(tmp_path, counts):
+    # 2400 pixels: none may be saturated at 0.01 %
+    paths = (write(tmp_path / "a.tif", counts), write(tmp_path / "b.tif", np.where(counts > 890, 4095, counts)))
+    recording = Recording(SENSOR, paths, None, 1e-3, "upright")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        recording.frame(0)
+    with pytest.warns(PlenoPIVWarning, match=r"b\.tif: .* % of the pixels are saturated"):
+        recording.frame(1)
+
+
+def test_globs_follow_numbers_and_leave_the_white_image_out(tmp_path):
+    for name in ("a10.tif", "a2.tif", "white.tif", "notes.txt"):
+        (tmp_path / name).touch()
+    found = find_frames(tmp_path, "*.tif", leave_out=tmp_path / "white.tif")
+    assert [p.name for p in found] == ["a2.tif", "a10.tif"]
+    assert find_frames(tmp_path, str(tmp_path / "a*.tif")) == found
+    with pytest.raises(PlenoPIVError, match=r"no file matches '\*\.png'"):
+        find_frames(tmp_path, "*.png")
+
+
+def test_natural_order():
+    assert sorted(["f10", "f9b2", "f9b10", "F1"], key=natural_order) == ["F1", "f9b2", "f9b10", "f10"]

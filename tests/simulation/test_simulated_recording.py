@@ -1,0 +1,207 @@
+"""A whole recording of a tiny camera, written, read back and compared with the one that came from elsewhere."""
+
+import json
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+import xarray as xr
+
+from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
+from plenopiv.errors import PlenoPIVError
+from plenopiv.lattice import Lattice
+from plenopiv.sensor import Sensor
+from plenopiv.simulation.flows import flow
+from plenopiv.simulation.images import particle_image
+from plenopiv.simulation.particles import Particles
+from plenopiv.simulation.recording import Seeding, WhiteLight, seed_pair, simulate_recording
+from plenopiv.simulation.sensor_noise import SensorNoise
+
+CAMERA = PlenopticCamera(
+    MainLens(50.0, 25.0, -1.0),
+    Lattice("hexagonal", 0.077, 0.002, (0.03, 0.02)),
+    0.308,
+    Sensor(300, 240, 0.0055, 12, 60),
+)
+VOLUME = ((-0.6, 0.6), (-0.45, 0.45), (-1.0, 1.0))
+FLOW = flow("rotation", drift_m_s=(0.0, 0.1, 0.0))
+SHARED = Path(__file__).parents[2] / ".." / "shared" / "recordings" / "rotation"
+SCORE = SHARED.parent / "score.py"
+
+
+def write(folder, **options):
+    return simulate_recording(
+        folder, CAMERA, FLOW, **({"dt_s": 5e-4, "volume_mm": VOLUME, "rays": 2000, "seed": 3} | options)
+    )
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("recording") / "r")
+
+
+def test_files_and_pixels(recorded):
+    names = {p.name for p in recorded.directory.iterdir()}
+    assert names == {
+        "white.tif", "a.tif", "b.tif", "optics.json", "experiment.toml", "truth.json", "truth_particles.npz",
+    }  # fmt: skip
+    for name in ("white", "a", "b"):
+        image = tifffile.imread(recorded.directory / f"{name}.tif")
+        assert image.shape == (240, 300)
+        assert image.dtype == np.uint16
+        assert np.array_equal(image, recorded.images[name])
+    assert recorded.images["white"].max() <= 4095
+    assert recorded.images["a"].mean() > 100
+
+
+def test_experiment_file_says_what_was_simulated(recorded):
+    e = tomllib.loads((recorded.directory / "experiment.toml").read_text())
+    assert e["camera"]["main_lens"] == {"focal_length_mm": 50.0, "aperture_mm": 25.0, "magnification": -1.0}
+    assert e["camera"]["microlens_array"] == {"lattice": "hexagonal", "pitch_mm": 0.077, "focal_length_mm": 0.308}
+    assert e["camera"]["sensor"] == {
+        "columns": 300, "rows": 240, "pixel_pitch_mm": 0.0055, "bit_depth": 12, "black_level": 60,
+    }  # fmt: skip
+    assert e["recording"]["frames"] == ["a.tif", "b.tif"]
+    assert e["recording"]["dt_s"] == 5e-4
+    assert [e["volume"][f"{k}_mm"] for k in "xyz"] == [list(map(float, v)) for v in VOLUME]
+    assert e["volume"]["voxel_mm"] == [0.0171428571, 0.0171428571, 0.077]
+
+
+def test_truth_holds_the_displacements_of_the_flow(recorded):
+    with np.load(recorded.directory / "truth_particles.npz") as truth:
+        a, b = truth["a"], truth["b"]
+    assert a.dtype == np.float32
+    assert a.shape == b.shape == (json.loads((recorded.directory / "truth.json").read_text())["particles"], 3)
+    middle = (a + b) / 2.0
+    expected = np.stack([0.04 * middle[:, 2], np.full(len(a), 0.05), -0.04 * middle[:, 0]], -1)
+    assert b - a == pytest.approx(expected, abs=1e-5)
+
+
+def test_frames_show_the_particles_of_the_truth(recorded):
+    for name, particles in (("a", recorded.a), ("b", recorded.b)):
+        counts = recorded.images[name] - 60.0
+        expected = particle_image(CAMERA, particles, rays=20_000, diffraction_nm=532.0) + 4.0
+        assert counts.mean() == pytest.approx(0.5 * expected.mean(), rel=0.01)
+        assert np.corrcoef(counts.ravel(), expected.ravel())[0, 1] > 0.98
+
+
+def test_the_seed_fixes_everything_and_sensor_images_are_turned(recorded, tmp_path):
+    again = write(tmp_path / "again")
+    turned = write(tmp_path / "turned", orientation="sensor")
+    other = write(tmp_path / "other", seed=4)
+    for name in ("white", "a", "b"):
+        assert np.array_equal(again.images[name], recorded.images[name])
+        assert np.array_equal(turned.images[name], np.rot90(recorded.images[name], 2))
+        assert not np.array_equal(other.images[name], recorded.images[name])
+    assert 'orientation = "sensor"' in (turned.directory / "experiment.toml").read_text()
+
+
+def test_a_recording_is_not_overwritten_unless_asked(recorded, tmp_path):
+    before = (recorded.directory / "a.tif").stat().st_mtime_ns
+    with pytest.raises(PlenoPIVError, match="--overwrite"):
+        write(recorded.directory)
+    assert (recorded.directory / "a.tif").stat().st_mtime_ns == before
+    (tmp_path / "experiment.toml").write_text("old")
+    write(tmp_path, overwrite=True)
+    assert "[camera]" in (tmp_path / "experiment.toml").read_text()
+    assert not list(tmp_path.glob(".*.part"))
+
+
+def test_particles_enter_and_leave_the_volume():
+    rng = np.random.default_rng(0)
+    a, b = seed_pair(CAMERA, flow("uniform", velocity_m_s=(0.4, 0, 0)), 5e-4, VOLUME, Seeding(), rng)
+    inside_a, inside_b = (np.abs(p.position_mm[:, 0]) <= 0.6 for p in (a, b))
+    assert (inside_a & ~inside_b).sum() > 10
+    assert (inside_b & ~inside_a).sum() > 10
+    # both frames are full to the volume's faces
+    for p in (a, b):
+        assert p.position_mm[:, 0].min() < -0.58
+        assert p.position_mm[:, 0].max() > 0.58
+
+
+def test_given_particles_and_noise_are_used(tmp_path):
+    one = Particles(np.array([[0.1, 0.05, 0.5]]), np.array([5e4]))
+    still = SensorNoise(gain=1.0, read_noise_electrons=0.0, shot=False)
+    r = write(
+        tmp_path,
+        particles=(one, one),
+        noise=still,
+        seeding=Seeding(background_electrons=0.0),
+        white=WhiteLight(1000.0),
+        diffraction=False,
+    )
+    assert r.images["white"].max() == 1060
+    assert (r.images["a"] - 60.0).sum() == pytest.approx(5e4, rel=0.01)
+
+
+def test_progress_covers_both_frames(tmp_path):
+    calls = []
+    r = write(tmp_path, progress=lambda done, total: calls.append((done, total)))
+    total = 2 * len(r.a.electrons)
+    assert calls[-1] == (total, total)
+    assert [c[0] for c in calls] == sorted(c[0] for c in calls)
+
+
+def keys(tree):
+    return {k: keys(v) if isinstance(v, dict) else None for k, v in tree.items()}
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the rotation recording is not there")
+def test_layout_is_that_of_the_rotation_recording(recorded):
+    for name, load in (("optics.json", json.loads), ("experiment.toml", tomllib.loads)):
+        ours, given = (load((folder / name).read_text()) for folder in (recorded.directory, SHARED))
+        assert keys(ours) == keys(given)
+        assert list(ours) == list(given)
+    truth, given = (json.loads((folder / "truth.json").read_text()) for folder in (recorded.directory, SHARED))
+    assert set(given) <= set(truth)
+    with np.load(SHARED / "truth_particles.npz") as p:
+        assert set(p) == {"a", "b"}
+        assert p["a"].dtype == np.float32
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the rotation recording is not there")
+def test_another_tracer_s_image_is_reproduced():
+    """The recording's own particles and lattice, traced here: brightness by brightness within 2 counts.
+
+    It comes from an independent tracer; its particles' single intensities are unknown (25 % spread), so means are
+    compared in classes of expected brightness.
+    """
+    truth = json.loads((SHARED / "truth.json").read_text())
+    camera = PlenopticCamera(
+        MainLens(50.0, 25.0, -1.0),
+        Lattice("hexagonal", 0.077, np.radians(truth["lattice_rotation_deg"]), tuple(truth["lattice_offset_mm"])),
+        0.308,
+        Sensor(600, 450, 0.0055, 12, 60),  # the middle of 1800 x 1350
+    )
+    with np.load(SHARED / "truth_particles.npz") as p:
+        particles = Particles(p["a"], 1.0)
+    image = particle_image(camera, particles, rays=10_000, diffraction_nm=532.0)
+    counts = tifffile.imread(SHARED / "a.tif")[450:900, 600:1200] - 60.0
+    slope, background = np.polyfit(image.ravel(), counts.ravel(), 1)
+    expected = slope * image + background
+    assert np.corrcoef(image.ravel(), counts.ravel())[0, 1] > 0.96
+    for lo, hi in ((100, 200), (200, 400), (400, 800)):
+        in_class = (expected > lo) & (expected <= hi)
+        assert (counts - expected)[in_class].mean() == pytest.approx(0.0, abs=0.02 * hi)
+
+
+@pytest.mark.skipif(not SCORE.is_file(), reason="score.py is not there")
+def test_the_flow_itself_scores_without_error(recorded, tmp_path):
+    """Signs, units and mid-time positions: the exact velocity at every vector against the particles written."""
+    z, y, x = np.meshgrid(
+        np.linspace(-0.6, 0.6, 5), np.linspace(-0.2, 0.2, 3), np.linspace(-0.3, 0.3, 5), indexing="ij"
+    )
+    velocity = FLOW(np.stack([x, y, z], -1).reshape(-1, 3)).reshape(*x.shape, 3)
+    axes = {"time": [0.0], "z": z[:, 0, 0], "y": y[0, :, 0], "x": x[0, 0, :]}
+    fields = {name: (("time", "z", "y", "x"), velocity[None, ..., k]) for k, name in enumerate("uvw")}
+    xr.Dataset(fields, axes).to_netcdf(tmp_path / "velocity.nc", engine="h5netcdf")
+    command = [sys.executable, SCORE, recorded.directory, tmp_path / "velocity.nc", "--window", "32", "32", "8"]
+    score = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    assert score["vectors"] > 20
+    assert score["final"]["gross"] == 0
+    assert max(score["final"]["rms_xyz"]) < 2e-3
+    assert min(score["true_displacement_rms_voxel_xyz"]) > 0.1
