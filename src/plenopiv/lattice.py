@@ -62,14 +62,12 @@ class Lattice:
         if self.kind == "square":
             return np.rint(a).astype(np.int64), np.rint(b).astype(np.int64)
         lower = np.floor(b / self.row_spacing).astype(np.int64)
-        best_i = best_j = best_d = None
-        for j in (lower, lower + 1):
-            half = 0.5 * (j & 1)
-            i = np.rint(a - half).astype(np.int64)
-            d = (a - i - half) ** 2 + (b - j * self.row_spacing) ** 2
-            if best_d is None:
-                best_i, best_j, best_d = i, j, d
-            else:
-                closer = d < best_d
-                best_i, best_j = np.where(closer, i, best_i), np.where(closer, j, best_j)
-        return best_i, best_j
+        below, above = (self._nearest_in_row(a, b, j) for j in (lower, lower + 1))
+        closer = above[1] < below[1]
+        return np.where(closer, above[0], below[0]), np.where(closer, lower + 1, lower)
+
+    def _nearest_in_row(self, a: NDArray, b: NDArray, j: NDArray) -> tuple[NDArray, NDArray]:
+        """Number of the nearest lens of row ``j`` and its squared distance in pitches."""
+        half = 0.5 * (j & 1)
+        i = np.rint(a - half).astype(np.int64)
+        return i, (a - i - half) ** 2 + (b - j * self.row_spacing) ** 2

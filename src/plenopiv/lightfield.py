@@ -13,6 +13,7 @@ on the main lens, in the object's x and y (see ``projection``). Counts and their
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import cos, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,7 @@ class Layout:
     offsets: NDArray[np.int32]  # (view, 2): pixel offset (m along columns, n along rows)
     pixel: NDArray[np.int32]  # (lens, 2): column and row of the pixel nearest to the micro-image's centre
     phase: NDArray[np.float32]  # (lens, 2): micro-image centre minus that pixel, px
+    clock: NDArray[np.int64]  # (3, 2): the same as whole 2**-32 px, at lens (0, 0), per half pitch, per row
     fill: NDArray[np.float32]  # (view, lens): share of the pixel that the lens' image of the aperture lights
     seen: NDArray[np.bool_]  # (view, lens): the pixel exists, is lit by this lens and by no other
 
@@ -78,13 +80,32 @@ def disc_share(x: NDArray, y: NDArray, radius: float, strips: int = 32) -> NDArr
 
 
 def _neighbour_offsets_px(camera: PlenopticCamera) -> NDArray:
-    """Micro-image centres of the nearest lenses relative to one, (n, 2) px (column, row); even rows (odd ones mirror)."""
+    """Micro-image centres of a lens' neighbours relative to its own, (n, 2) px (column, row), for an even row."""
     i, j = np.meshgrid(np.arange(-2, 3), np.arange(-2, 3))
     s, t = camera.lattice.centres(i.ravel(), j.ravel())
     s0, t0 = camera.lattice.centres(0, 0)
     d = np.stack([-(s - s0), t - t0], -1) * ((1 + camera.image_scale) / camera.sensor.pixel_pitch_mm)
     length = np.hypot(*d.T)
     return d[(length > 0) & (length < 1.5 * camera.image_pitch_px)]
+
+
+def _clock(camera: PlenopticCamera) -> NDArray[np.int64]:
+    """Fractional pixel of the micro-images' centres in units of 2**-32 px: at lens (0, 0), per half pitch along a row, per row.
+
+    Kernels get a lens' phase from its indices by integer arithmetic that wraps around, which no rounding disturbs:
+    phase = wrap(clock[0] + (2 i + odd row) clock[1] + j clock[2]).
+    """
+    lattice, sensor = camera.lattice, camera.sensor
+    scale = (1 + camera.image_scale) / sensor.pixel_pitch_mm
+    c, s = cos(lattice.rotation_rad) * lattice.pitch_mm * scale, sin(lattice.rotation_rad) * lattice.pitch_mm * scale
+    first = sensor.pixel_from_plane(*(o * (1 + camera.image_scale) for o in lattice.offset_mm))
+    steps = np.array([first, (-c / 2, s / 2), (s * lattice.row_spacing, c * lattice.row_spacing)])
+    return wrapped(np.rint(steps * 2.0**32).astype(np.int64))
+
+
+def wrapped(ticks: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Ticks of 2**-32 px without whole pixels: -2**31 <= ticks < 2**31."""
+    return (ticks + 2**31) % 2**32 - 2**31
 
 
 def layout(camera: PlenopticCamera) -> Layout:
@@ -106,8 +127,11 @@ def layout(camera: PlenopticCamera) -> Layout:
     j, i = (g.ravel() for g in np.mgrid[j0 : j1 + 1, i0 : i1 + 1])
     s, t = lattice.centres(i, j)
     centre = np.stack(sensor.pixel_from_plane(s * (1 + e), t * (1 + e)), -1)
-    pixel = np.rint(centre).astype(np.int32)
-    phase = (centre - pixel).astype(np.float32)
+    clock = _clock(camera)
+    half_pitches = 2 * i + ((j & 1) if lattice.kind == "hexagonal" else 0)
+    fraction = wrapped(clock[0] + half_pitches[:, None] * clock[1] + j[:, None] * clock[2]) * 2.0**-32
+    pixel = np.rint(centre - fraction).astype(np.int32)
+    phase = fraction.astype(np.float32)
 
     n, m = (g.ravel() for g in np.mgrid[-reach : reach + 1, -reach : reach + 1])
     near = np.hypot(np.maximum(np.abs(m) - 0.5, 0), np.maximum(np.abs(n) - 0.5, 0))
@@ -124,7 +148,7 @@ def layout(camera: PlenopticCamera) -> Layout:
             foreign = sum(disc_share(x - dx, y - dy, radius, 8) for dx, dy in neighbours)
             seen[v] &= foreign <= FOREIGN_SHARE
     keep = seen.any(1)
-    return Layout(camera, i0, j0, i1 - i0 + 1, j1 - j0 + 1, offsets[keep], pixel, phase, fill[keep], seen[keep])
+    return Layout(camera, i0, j0, i1 - i0 + 1, j1 - j0 + 1, offsets[keep], pixel, phase, clock, fill[keep], seen[keep])
 
 
 def decode(image: NDArray, where: Layout) -> LightField:

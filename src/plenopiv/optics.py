@@ -54,7 +54,7 @@ def conjugate_distances(focal_length_mm: float, magnification: float) -> tuple[f
 
 
 def spread(z_mm: ArrayLike, object_distance_mm: float, image_distance_mm: float, focal_length_mm: float) -> NDArray:
-    """A(z) = ds/du: how far a point's rays spread on the microlens plane for each mm on the main lens. Zero in focus."""
+    """A(z) = ds/du: how far a point's rays spread on the microlens plane per mm on the main lens. Zero in focus."""
     d = object_distance_mm - np.asarray(z_mm, dtype=float)
     return 1.0 + image_distance_mm / d - image_distance_mm / focal_length_mm
 

@@ -20,13 +20,14 @@ class VoxelGrid:
 
     @classmethod
     def covering(cls, x_mm, y_mm, z_mm, voxel_mm) -> VoxelGrid:
-        """The grid between outer faces ``(lo, hi)`` in mm: ceil((hi - lo)/voxel - 1e-6) voxels, centred on the interval."""
+        """The grid between outer faces ``(lo, hi)`` in mm: ceil((hi - lo)/voxel - 1e-6) voxels, centred."""
         first, count = [], []
         for (lo, hi), d in zip((x_mm, y_mm, z_mm), voxel_mm, strict=True):
             n = ceil((hi - lo) / d - 1e-6)
             count.append(n)
             first.append(0.5 * (lo + hi) - 0.5 * (n - 1) * d)
-        return cls(tuple(first), tuple(float(d) for d in voxel_mm), (count[2], count[1], count[0]))
+        dx, dy, dz = (float(d) for d in voxel_mm)
+        return cls((first[0], first[1], first[2]), (dx, dy, dz), (count[2], count[1], count[0]))
 
     @property
     def size(self) -> int:
@@ -36,7 +37,8 @@ class VoxelGrid:
     def axes(self) -> tuple[NDArray, NDArray, NDArray]:
         """Voxel centres in mm along x, y and z."""
         nz, ny, nx = self.shape
-        return tuple(f + d * np.arange(n) for f, d, n in zip(self.first_mm, self.voxel_mm, (nx, ny, nz), strict=True))
+        x, y, z = (f + d * np.arange(n) for f, d, n in zip(self.first_mm, self.voxel_mm, (nx, ny, nz), strict=True))
+        return x, y, z
 
     def limits_mm(self) -> tuple[tuple[float, float], ...]:
         """Outer faces along x, y and z."""
@@ -49,7 +51,9 @@ class VoxelGrid:
 class Volume(Protocol):
     """What the correlation needs of a reconstructed volume."""
 
-    grid: VoxelGrid
+    @property
+    def grid(self) -> VoxelGrid:
+        """Where its voxels are."""
 
     def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
         """Planes lo <= k < hi as a dense float32 array (hi - lo, ny, nx); zero outside the volume."""
@@ -63,6 +67,7 @@ class DenseVolume:
     values: NDArray[np.float32]
 
     def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
+        """See ``Volume.slab``."""
         nz, ny, nx = self.grid.shape
         out = np.zeros((hi - lo, ny, nx), np.float32)
         a, b = max(lo, 0), min(hi, nz)
@@ -109,6 +114,7 @@ class SparseVolume:
         return SparseVolume(self.grid, count[self.row_start], self.column[keep], self.values[keep])
 
     def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
+        """See ``Volume.slab``."""
         nz, ny, nx = self.grid.shape
         out = np.zeros((hi - lo, ny, nx), np.float32)
         a, b = max(lo, 0), max(min(hi, nz), 0)

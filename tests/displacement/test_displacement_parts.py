@@ -94,8 +94,8 @@ def test_variance_smooths_both_windows():
     overlap = 1 - np.abs(d) / 32
     for profile, variance in ((sharp, 1.0), (smooth, 2.0)):
         np.testing.assert_allclose(
-            profile * overlap / profile[5], np.exp(-(d**2) / (4 * variance)), atol=2e-3
-        )  # autocorrelation of a Gaussian: twice its variance
+            profile * overlap / profile[5], np.exp(-(d**2) / (4 * variance)), atol=5e-3
+        )  # autocorrelation: twice the variance; the zero mean costs 0.004
 
 
 def test_no_bias_toward_zero():

@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except PlenoPIVError as error:
             return _fail(str(error))
         except BrokenPipeError:  # the reader of our output went away
-            sys.stdout = None  # type: ignore[assignment]
+            sys.stdout = None
             return 1
         except MemoryError as error:
             return _fail(f"not enough memory ({error or 'out of memory'}); use larger voxels or a smaller volume")

@@ -24,7 +24,7 @@ class WindowCorrelator:
     ``size``: window (nz, ny, nx). ``search``: largest displacement (z, y, x) looked for, voxels. ``variance``: of a
     Gaussian that smooths both windows (voxel^2); as a factor of the cross spectrum S it costs nothing. ``whitening``:
     S is divided by |S|^whitening. 0 is plain correlation, 1 keeps phases alone; between them (symmetric phase-only
-    filtering, Wernet 2005) particle images that are blurred in depth make narrow peaks, which chance overlaps move less.
+    filtering, Wernet 2005) particle images blurred in depth make narrow peaks, which chance overlaps move less.
     """
 
     def __init__(

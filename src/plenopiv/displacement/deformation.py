@@ -10,10 +10,11 @@ from __future__ import annotations
 from math import ceil
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
 from plenopiv.displacement.predictor import SplineField
+from plenopiv.kernels import inlined, parallel_kernel
 from plenopiv.volume import Volume
 
 SPLINE_VARIANCE = 1.0 / 3.0  # voxel^2, of the cubic B-spline
@@ -47,7 +48,7 @@ class DeformedPlanes:
         return _sample(source, source_lo, lo, along_x, *self._y, np.float32(self.share))
 
 
-@njit(cache=True, parallel=True)
+@parallel_kernel
 def _expand_x(planes, first, weights):
     """Coefficients (planes, 3, rows, columns) to values along x: (planes, 3, rows, nx)."""
     count, _, rows, _ = planes.shape
@@ -67,7 +68,7 @@ def _expand_x(planes, first, weights):
     return out
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _weights(t):
     """Uniform cubic B-spline at the fraction t, float32."""
     u = np.float32(1.0) - t
@@ -79,7 +80,7 @@ def _weights(t):
     return w0, w1, w2, w3
 
 
-@njit(cache=True, parallel=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
+@parallel_kernel
 def _sample(source, source_lo, lo, along_x, first_y, weights_y, share):
     count = along_x.shape[0]
     depth, ny, nx = source.shape
@@ -112,9 +113,9 @@ def _sample(source, source_lo, lo, along_x, first_y, weights_y, share):
                     total += wz[a] * part
             elif x0 > -4 and y0 > -4 and z0 > -4 and x0 < nx and y0 < ny and z0 < depth:
                 wx = (wx0, wx1, wx2, wx3)
-                for a in range(max(0, -z0), min(4, depth - z0)):
-                    for b in range(max(0, -y0), min(4, ny - y0)):
-                        for e in range(max(0, -x0), min(4, nx - x0)):
-                            total += wz[a] * wy[b] * wx[e] * source[z0 + a, y0 + b, x0 + e]
+                for a, b, e in np.ndindex(4, 4, 4):
+                    z, y, x = z0 + a, y0 + b, x0 + e
+                    if 0 <= z < depth and 0 <= y < ny and 0 <= x < nx:
+                        total += wz[a] * wy[b] * wx[e] * source[z, y, x]
             out[k, j, i] = total
     return out

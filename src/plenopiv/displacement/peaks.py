@@ -5,12 +5,13 @@ from __future__ import annotations
 from math import log
 
 import numpy as np
-from numba import njit
+
+from plenopiv.kernels import kernel
 
 PEAK_RADIUS = 3  # voxels: a second peak this close on every axis is the flank of the first
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def gaussian_offset(left, centre, right):
     """Where a Gaussian through three neighbours has its top, relative to the middle one (voxels).
 
@@ -25,7 +26,7 @@ def gaussian_offset(left, centre, right):
     return min(0.5, max(-0.5, 0.5 * (right - left) / curvature))
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def find_peaks(correlation, displacement, peak_ratio, found):
     """Peaks of a batch of correlations.
 

@@ -7,79 +7,58 @@ voxels, no gather. Threads own microlenses (forward) or planes (back), so no sum
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from plenopiv.kernels import kernel, parallel_kernel
 from plenopiv.projection.footprint import TIP
 from plenopiv.projection.pixels import (
     EXACT,
-    FAST,
-    PATCHES,
+    ONE_RAY,
     STRIPS,
     floor_of,
-    patch,
-    patch_count,
+    pixel_share,
     plane_of,
-    point_in_hexagon,
-    point_in_square,
-    rectangle_in_hexagon,
-    rectangle_in_square,
-    rim_table,
+    ray_inside,
+    ray_share,
+    strip_share,
 )
 
 LANES = 16  # voxels of a row computed at once: the widest float32 vector
 F = np.float32
 
 
-@njit(fastmath=FAST, cache=True)
-def list_patches(geo, plane, rule, rim, cut, pixel, share, qx, qy, patches):
-    """The patches of a pixel as rows of ``patches``; returns their number."""
-    count = patch_count(plane, rule, rim, cut, pixel)
-    for k in range(count):
-        x, y, hx, hy, weight, gx, gy = patch(geo, plane, rule, rim, cut, pixel, share, qx, qy, count, k)
-        patches[k, 0], patches[k, 1], patches[k, 2], patches[k, 3] = x, y, hx, hy
-        patches[k, 4], patches[k, 5], patches[k, 6] = weight, gx, gy
-    return count
-
-
-@njit(fastmath=FAST, cache=True)
-def row_weights(geo, rule, rim, patches, count, x0, y0, step_x, step_y, n, weight):
-    """Shares of a pixel for voxels in a row: voxel i lies (x0 + i step_x, y0 + i step_y) cells from its centre.
+@kernel
+def row_weights(geo, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, n, weight):
+    """Shares of a pixel for voxels in a row: voxel i lies (x0 + i step_x, y0 + i step_y) cells off its footprint's centre.
 
     Computes whole vectors of LANES voxels, so that no scalar remainder is left: n is a multiple of LANES. Voxels outside
-    the footprint get 0.
+    the footprint get 0. ``share``: of the pixel that is lit, for a single ray.
     """
-    for i in range(n):
-        weight[i] = F(0)
-    for p in range(count):
-        x1, y1, hx, hy, w = patches[p, 0] + x0, patches[p, 1] + y0, patches[p, 2], patches[p, 3], patches[p, 4]
-        gx, gy = patches[p, 5], patches[p, 6]
-        grow, grow_step = w * (F(1) + gx * x0 + gy * y0), w * (gx * step_x + gy * step_y)
-        for b in range(0, n, LANES):
-            part = weight[b : b + LANES]
-            if rule == EXACT:
-                if geo.hexagonal:
-                    for i in range(LANES):
-                        f = F(b + i)
-                        part[i] += (grow + f * grow_step) * rectangle_in_hexagon(
-                            x1 + f * step_x, y1 + f * step_y, hx, hy
-                        )
-                else:
-                    for i in range(LANES):
-                        f = F(b + i)
-                        part[i] += (grow + f * grow_step) * rectangle_in_square(
-                            x1 + f * step_x, y1 + f * step_y, hx, hy
-                        )
-            elif geo.hexagonal:
+    for b in range(0, n, LANES):
+        part = weight[b : b + LANES]
+        if rule == EXACT and not rim:
+            for i in range(LANES):
+                f = F(b + i)
+                part[i] = pixel_share(geo, plane, x0 + f * step_x, y0 + f * step_y)
+        elif rule == EXACT:
+            part[:] = F(0)
+            for strip in range(STRIPS):
                 for i in range(LANES):
                     f = F(b + i)
-                    part[i] += w * point_in_hexagon(x1 + f * step_x, y1 + f * step_y)
-            else:
+                    part[i] += strip_share(geo, plane, qx, qy, strip, x0 + f * step_x, y0 + f * step_y)
+        elif rule == ONE_RAY:
+            for i in range(LANES):
+                f = F(b + i)
+                part[i] = share * ray_inside(geo, x0 + f * step_x, y0 + f * step_y)
+        else:
+            part[:] = F(0)
+            for ray in range(9):
                 for i in range(LANES):
                     f = F(b + i)
-                    part[i] += w * point_in_square(x1 + f * step_x, y1 + f * step_y)
+                    part[i] += ray_share(geo, plane, rim, qx, qy, ray, x0 + f * step_x, y0 + f * step_y)
 
 
-@njit(fastmath=FAST, cache=True)
+@kernel
 def footprint_of(geo, plane, rule, s, t, qx, qy):
     """Where a pixel's light comes from in a plane: centre and half widths (voxels, x and y) of the box around it."""
     cx = plane.voxel_s * s + plane.step_x * qx - geo.x0
@@ -92,12 +71,11 @@ def footprint_of(geo, plane, rule, s, t, qx, qy):
     return cx, cy, reach_x, reach_y
 
 
-@njit(parallel=True, fastmath=FAST, cache=True)
-def forward(geo, table, rule, rim, m, n, lens_mm, phase, cut, share, seen, chunks, volume, image):
+@parallel_kernel
+def forward(geo, table, rule, rim, m, n, lens_mm, phase, share, seen, chunks, volume, image):
     """Light of ``volume`` (nz, ny, nx) in every microlens of one view, into ``image`` (lens,); unseen pixels get 0."""
     nz, ny, nx = volume.shape
     for c in prange(chunks.size - 1):
-        patches = np.empty((PATCHES, 7), np.float32)
         weight = np.empty(nx + LANES, np.float32)
         image[chunks[c] : chunks[c + 1]] = F(0)  # threads own lenses
         for k in range(nz):
@@ -111,8 +89,8 @@ def forward(geo, table, rule, rim, m, n, lens_mm, phase, cut, share, seen, chunk
                 j0, j1 = max(floor_of(cy - reach_y) + 1, 0), min(floor_of(cy + reach_y) + 1, ny)
                 if i0 >= i1 or j0 >= j1:
                     continue
-                count = list_patches(geo, plane, rule, rim, cut, lens, share, qx, qy, patches)
                 total = F(0)
+                cut = rim and share[lens] < F(1)
                 lanes = (i1 - i0 + LANES - 1) // LANES * LANES
                 step_x, step_y = plane.cell_x * geo.cos, -plane.cell_x * geo.sin
                 for j in range(j0, j1):
@@ -121,13 +99,13 @@ def forward(geo, table, rule, rim, m, n, lens_mm, phase, cut, share, seen, chunk
                         continue
                     ox, oy = plane.cell_x * (F(i0) - cx), plane.cell_y * (F(j) - cy)
                     x0, y0 = geo.cos * ox + geo.sin * oy, geo.cos * oy - geo.sin * ox
-                    row_weights(geo, rule, rim, patches, count, x0, y0, step_x, step_y, lanes, weight)
+                    row_weights(geo, plane, rule, cut, share[lens], qx, qy, x0, y0, step_x, step_y, lanes, weight)
                     for i in range(lanes):
                         total += weight[i] * row[i]
                 image[lens] += plane.light * total
 
 
-@njit(fastmath=FAST, cache=True)
+@kernel
 def is_dark(row):
     """Whether voxels (none negative) are all empty."""
     total = F(0)
@@ -136,8 +114,8 @@ def is_dark(row):
     return total == F(0)
 
 
-@njit(fastmath=FAST, cache=True)
-def spread_back(geo, plane, rule, rim, m, n, lens_mm, phase, cut, share, seen, image, where, patches, weight, out):
+@kernel
+def spread_back(geo, plane, rule, rim, m, n, lens_mm, phase, share, seen, image, where, weight, out):
     """Sum of share times ``image`` (lens,) over the microlenses that each voxel of a plane lights, added to ``out``.
 
     ``where`` and ``out`` are (ny, nx); stretches of a row in which ``where`` is 0 throughout are left out.
@@ -153,7 +131,7 @@ def spread_back(geo, plane, rule, rim, m, n, lens_mm, phase, cut, share, seen, i
         j0, j1 = max(floor_of(cy - reach_y) + 1, 0), min(floor_of(cy + reach_y) + 1, ny)
         if i0 >= i1 or j0 >= j1:
             continue
-        count = list_patches(geo, plane, rule, rim, cut, lens, share, qx, qy, patches)
+        cut = rim and share[lens] < F(1)
         lanes = (i1 - i0 + LANES - 1) // LANES * LANES
         step_x, step_y = plane.cell_x * geo.cos, -plane.cell_x * geo.sin
         for j in range(j0, j1):
@@ -161,48 +139,42 @@ def spread_back(geo, plane, rule, rim, m, n, lens_mm, phase, cut, share, seen, i
                 continue
             ox, oy = plane.cell_x * (F(i0) - cx), plane.cell_y * (F(j) - cy)
             x0, y0 = geo.cos * ox + geo.sin * oy, geo.cos * oy - geo.sin * ox
-            row_weights(geo, rule, rim, patches, count, x0, y0, step_x, step_y, lanes, weight)
+            row_weights(geo, plane, rule, cut, share[lens], qx, qy, x0, y0, step_x, step_y, lanes, weight)
             row = out[j, i0 : i0 + lanes]
             for i in range(lanes):
                 row[i] += weight[i] * value
 
 
-@njit(parallel=True, fastmath=FAST, cache=True)
-def adjoint(geo, table, rule, rim, m, n, lens_mm, phase, cut, share, seen, image, out):
+@parallel_kernel
+def adjoint(geo, table, rule, rim, m, n, lens_mm, phase, share, seen, image, out):
     """The transpose of ``forward``: ``out`` (nz, ny, nx) += A' image."""
     nz, ny, nx = out.shape
     for k in prange(nz):
-        patches = np.empty((PATCHES, 7), np.float32)
         weight = np.empty(nx + LANES, np.float32)
         total, everywhere = np.zeros((ny, nx), np.float32), np.ones((ny, nx), np.float32)
         plane = plane_of(table, k)
-        spread_back(
-            geo, plane, rule, rim, m, n, lens_mm, phase, cut, share, seen, image, everywhere, patches, weight, total
-        )
+        spread_back(geo, plane, rule, rim, m, n, lens_mm, phase, share, seen, image, everywhere, weight, total)
         for j in range(ny):
             for i in range(nx - LANES):
                 out[k, j, i] += plane.light * total[j, i]
 
 
-@njit(parallel=True, fastmath=FAST, cache=True)
-def multiply(geo, table, rule, rim, m, n, lens_mm, phase, cut, share, seen, image, volume):
+@parallel_kernel
+def multiply(geo, table, rule, rim, m, n, lens_mm, phase, share, seen, image, volume):
     """MART's correction by one view: each voxel times (1 + sum of share times ``image``), kept >= 0."""
     nz, ny, nx = volume.shape
     for k in prange(nz):
-        patches = np.empty((PATCHES, 7), np.float32)
         weight = np.empty(nx + LANES, np.float32)
         total = np.zeros((ny, nx), np.float32)
         plane, values = plane_of(table, k), volume[k]
-        spread_back(
-            geo, plane, rule, rim, m, n, lens_mm, phase, cut, share, seen, image, values, patches, weight, total
-        )
+        spread_back(geo, plane, rule, rim, m, n, lens_mm, phase, share, seen, image, values, weight, total)
         for j in range(ny):
             for i in range(nx):
                 values[j, i] *= max(F(1) + total[j, i], F(0))
 
 
-@njit(parallel=True, fastmath=FAST, cache=True)
-def candidates(geo, table, rule, rim, offsets, order, radius, lens_mm, phase, share, seen, lit, tolerance, alive):
+@parallel_kernel
+def candidates(geo, table, rule, rim, offsets, order, lens_mm, phase, share, seen, lit, tolerance, alive):
     """Voxels whose light falls on lit pixels, all but ``tolerance`` of it: ``alive`` (nz, ny, nx) 1, else 0.
 
     ``lit`` and ``seen`` are (view, lens); views are tried in ``order``, and a voxel is dropped as soon as it can no
@@ -210,18 +182,14 @@ def candidates(geo, table, rule, rim, offsets, order, radius, lens_mm, phase, sh
     """
     nz, ny, nx = alive.shape
     for k in prange(nz):
-        patches = np.empty((PATCHES, 7), np.float32)
         weight = np.empty(nx + LANES, np.float32)
         dark = np.zeros((ny, nx), np.float32)
         image = np.empty(lit.shape[1], np.float32)
-        cut = np.zeros((lit.shape[1], STRIPS + 2), np.float32)
         plane, where = plane_of(table, k), alive[k]
         for view in order:
             for lens in range(image.size):
                 image[lens] = F(0) if lit[view, lens] else F(1)
             m, n = F(offsets[view, 0]), F(offsets[view, 1])
-            if rim[view]:
-                rim_table(m, n, phase, seen[view], radius, cut)
             spread_back(
                 geo,
                 plane,
@@ -231,12 +199,10 @@ def candidates(geo, table, rule, rim, offsets, order, radius, lens_mm, phase, sh
                 n,
                 lens_mm,
                 phase,
-                cut,
                 share[view],
                 seen[view],
                 image,
                 where,
-                patches,
                 weight,
                 dark,
             )

@@ -76,6 +76,7 @@ class Rows(NamedTuple):
     """What does not change from plane to plane."""
 
     hexagonal: bool
+    radius: np.float32  # of the aperture, pixels of q
     cos: np.float32
     sin: np.float32
     row: np.float32  # row spacing of the lattice in pitches
@@ -88,6 +89,7 @@ def rows(camera: PlenopticCamera, grid: VoxelGrid) -> Rows:
     lattice, f = camera.lattice, np.float32
     return Rows(
         lattice.kind == "hexagonal",
+        f(camera.aperture_radius_px),
         f(cos(lattice.rotation_rad)),
         f(sin(lattice.rotation_rad)),
         f(lattice.row_spacing),

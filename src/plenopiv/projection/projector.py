@@ -11,8 +11,9 @@ from plenopiv.volume import SparseVolume, VoxelGrid
 
 RULES = {"1-ray": pixels.ONE_RAY, "9-rays": pixels.NINE_RAYS, "exact": pixels.EXACT}
 CHUNKS = 64  # of microlenses or of rows of voxels, shared out among threads
+NOTHING = np.empty(1, np.float32)
 PARTIAL_IMAGES = 16  # of sparse sums
-DENSE_ABOVE = 0.04  # share of voxels listed from which dense kernels are the faster ones (measured)
+DENSE_ABOVE = 0.3  # share of voxels listed from which dense kernels are the faster ones (measured)
 
 
 class Projector:
@@ -32,11 +33,8 @@ class Projector:
         self._lens_mm = np.stack(camera.lattice.centres(i.ravel(), j.ravel()), -1).astype(np.float32)
         self._box = (layout.i0, layout.j0, layout.ni, layout.nj)
         self._rows, self._planes = geometry.rows(camera, grid), geometry.planes(camera, grid)
-        self._radius = np.float32(camera.aperture_radius_px)
         m, n = np.abs(layout.offsets).T
         self._rim = np.hypot(m + 1.05, n + 1.05) > camera.aperture_radius_px  # phase and drift move a pixel by 0.55
-        self._cut = np.zeros((layout.lenses, pixels.STRIPS + 2), np.float32)
-        self._cut_view = -1
 
     @property
     def views(self) -> int:
@@ -77,11 +75,11 @@ class Projector:
     def forward(self, view: int, volume: NDArray[np.float32] | SparseVolume) -> NDArray[np.float32]:
         """The volume's light in one view, (lens,); 0 where the pixel is no equation."""
         if isinstance(volume, SparseVolume):
-            partial = np.empty((PARTIAL_IMAGES, self.layout.lenses), np.float32)
-            chunks = self._row_chunks(volume, PARTIAL_IMAGES)
-            listed = (chunks, volume.row_start, volume.column, volume.values)
-            sparse.forward(*self._sparse(view), *listed, partial)
-            return partial.sum(0)
+            partial = np.empty((PARTIAL_IMAGES, self.layout.lenses + 1), np.float32)
+            self._walk(view, volume, PARTIAL_IMAGES, NOTHING, partial, NOTHING, True)
+            image = partial.sum(0)[:-1]
+            image[~self.layout.seen[view]] = 0.0
+            return image
         image = np.zeros(self.layout.lenses, np.float32)
         chunks = np.linspace(0, self.layout.lenses, CHUNKS + 1).astype(np.int64)
         dense.forward(*self._dense(view), chunks, volume, image)
@@ -90,8 +88,8 @@ class Projector:
     def gather(self, view: int, image: NDArray[np.float32], volume: SparseVolume) -> NDArray[np.float32]:
         """For each listed voxel the sum of ``image`` over the pixels that it lights, each by its lit share of the pixel."""
         out = np.empty(volume.values.size, np.float32)
-        chunks = self._row_chunks(volume, CHUNKS)
-        sparse.gather(*self._sparse(view), chunks, volume.row_start, volume.column, image.astype(np.float32), out)
+        seen = np.append(np.where(self.layout.seen[view], image, 0.0), 0.0).astype(np.float32)
+        self._walk(view, volume, CHUNKS, seen, np.empty((1, 1), np.float32), out, False)
         return out
 
     def adjoint(self, view: int, image: NDArray[np.float32], out: NDArray[np.float32]) -> None:
@@ -120,7 +118,6 @@ class Projector:
             self._rim,
             where.offsets,
             order,
-            self._radius,
             self._lens_mm,
             where.phase,
             where.fill,
@@ -137,17 +134,31 @@ class Projector:
         bounds[0], bounds[-1] = 0, volume.row_start.size - 1
         return bounds.astype(np.int64)
 
-    def _view(self, view: int):
-        where = self.layout
-        m, n = where.offsets[view].astype(np.float32)
-        if self._rim[view] and self._cut_view != view:
-            pixels.rim_table(m, n, where.phase, where.seen[view], self._radius, self._cut)
-            self._cut_view = view
-        return self.rule, bool(self._rim[view]), m, n, where.phase, self._cut, where.fill[view], where.seen[view]
-
-    def _sparse(self, view: int):
-        return self._rows, self._box, self._planes, self.grid.shape[1], *self._view(view)
+    def _walk(self, view: int, volume: SparseVolume, chunks: int, image, partial, out, scatter: bool) -> None:
+        m, n = self.layout.offsets[view].astype(np.float32)
+        sparse.walk(
+            self._rows,
+            self._box,
+            self.layout.clock,
+            self._planes,
+            self.grid.shape[1],
+            self.rule,
+            bool(self._rim[view]),
+            m,
+            n,
+            self.layout.fill[view],
+            self._row_chunks(volume, chunks),
+            volume.row_start,
+            volume.column,
+            volume.values,
+            image,
+            partial,
+            out,
+            scatter,
+        )
 
     def _dense(self, view: int):
-        rule, rim, m, n, *pixel = self._view(view)
-        return self._rows, self._planes, rule, rim, m, n, self._lens_mm, *pixel
+        where = self.layout
+        m, n = where.offsets[view].astype(np.float32)
+        pixels_of_view = where.phase, where.fill[view], where.seen[view]
+        return self._rows, self._planes, self.rule, bool(self._rim[view]), m, n, self._lens_mm, *pixels_of_view

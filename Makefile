@@ -1,0 +1,56 @@
+# The two commands:  make demo   and   make test.  Each sets itself up first; Python 3.11 or later is all it needs.
+
+PYTHON ?= $(shell python3.11 --version >/dev/null 2>&1 && echo python3.11 || echo python3)
+VENV := .venv
+BIN := $(VENV)/bin
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-full lint figures lock clean
+
+help:  ## show this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' Makefile
+
+demo: $(VENV)/.ready  ## simulate a small recording, measure it, score it; the report is demo/results/report.html
+	$(BIN)/plenopiv demo demo --overwrite
+
+test: lint  ## style, types, import order, and the quick tests
+	$(BIN)/python -m pytest -m "not full"
+
+test-full: lint  ## all tests, those of minutes too
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/.ready-dev  ## style, types and import order alone
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
+
+figures: $(VENV)/.ready  ## draw the pictures of the README from the demo
+	$(BIN)/python docs/make_figures.py
+
+lock:  ## resolve pyproject.toml anew into requirements.txt and requirements-dev.txt
+	$(PYTHON) -m venv --clear build/lock
+	build/lock/bin/pip install --quiet --upgrade "setuptools>=77" .
+	build/lock/bin/pip freeze --all --exclude pip --exclude plenopiv > requirements.txt
+	build/lock/bin/pip install --quiet ".[dev]"
+	build/lock/bin/pip freeze --all --exclude pip --exclude plenopiv > build/lock/all.txt
+	(echo "-r requirements.txt"; grep -vxFf requirements.txt build/lock/all.txt) > requirements-dev.txt
+
+clean:  ## remove everything that make made
+	rm -rf $(VENV) build demo .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
+	find src tests docs -name __pycache__ -prune -exec rm -rf {} +
+
+# A stamp is newer than its lock file once the environment holds what the lock file says.
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "PlenoPIV needs Python 3.11 or later; name one with: make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.ready: requirements.txt | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet -r requirements.txt
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(VENV)/.ready-dev: requirements-dev.txt $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet -r requirements-dev.txt
+	@touch $@

@@ -1,0 +1,41 @@
+"""How kernels are compiled: one set of flags, and a cache that notices every edit.
+
+Numba's cache looks at the time stamp of the file that holds a function, not of the files whose functions it inlines
+(numba issue 1833). The cache folder is therefore named by a hash of all of PlenoPIV's sources that define kernels. A
+``NUMBA_CACHE_DIR`` in the environment has precedence.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from functools import partial
+from pathlib import Path
+
+import numba
+from numba import config
+
+FAST = {"reassoc", "nsz", "arcp", "contract", "afn"}  # without nnan and ninf: kernels may test for them
+FLAGS = {
+    "fastmath": FAST,
+    "cache": True,
+    "error_model": "numpy",
+}  # an error model without exceptions lets loops vectorise
+
+
+def _sources_hash() -> str:
+    digest = hashlib.sha256(numba.__version__.encode())
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        text = path.read_bytes()
+        if b"numba" in text or b"plenopiv.kernels" in text or path.parent.name == "projection":
+            digest.update(text)
+    return digest.hexdigest()[:16]
+
+
+if not os.environ.get("NUMBA_CACHE_DIR"):
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    config.CACHE_DIR = str(base / "plenopiv" / _sources_hash())
+
+kernel = partial(numba.njit, **FLAGS)
+parallel_kernel = partial(numba.njit, parallel=True, **FLAGS)
+inlined = partial(numba.njit, inline="always", **FLAGS)

@@ -1,0 +1,187 @@
+"""The whole loop on particles of known displacement: signs, accuracy, gradients, resolution, forms of volume."""
+
+import warnings
+
+import numba
+import numpy as np
+import pytest
+
+from plenopiv.displacement.multigrid import correlation_pass, measure
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.windows import window_grid
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.volume import DenseVolume, SparseVolume, VoxelGrid
+
+CUBES = CorrelationSettings(windows=((32, 32, 32),))
+
+
+def at_centres(flow, field):
+    z, y, x = np.meshgrid(field.z, field.y, field.x, indexing="ij")
+    return flow(np.stack([x.ravel(), y.ravel(), z.ravel()], -1)).T.reshape(3, *z.shape)
+
+
+@pytest.mark.parametrize("component", [0, 1, 2])
+def test_sign_of_each_axis(component):
+    """One blob that moves to larger x, y or z gives a positive dx, dy or dz, and nothing else."""
+    k = np.arange(32.0)
+    volumes = []
+    for side in (-1.5, 1.5):
+        x, y, z = (np.exp(-0.5 * (k - 15.5 - side * (axis == component)) ** 2) for axis in range(3))
+        values = (z[:, None, None] * y[:, None] * x).astype(np.float32)
+        volumes.append(DenseVolume(VoxelGrid((0.0,) * 3, (1.0,) * 3, values.shape), values))
+    expected = np.zeros(3)
+    expected[component] = 3
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        field = measure(*volumes, CUBES)
+    np.testing.assert_allclose(field.displacement[:, 0, 0, 0], expected, atol=0.02)
+    assert (field.z[0], field.y[0], field.x[0]) == (15.5, 15.5, 15.5)
+    assert field.valid.all()
+
+
+@pytest.mark.parametrize("sigma", [(1.0, 1.0, 1.0), (0.6, 0.6, 0.6), (0.7, 0.7, 1.5)])
+def test_uniform_shifts_have_little_bias_and_noise(particle_pair, uniform_flow, sigma):
+    """10 particles per window; only windows that the ends of the volume do not cut. Elongated blobs are noisier."""
+    bias, noise = [], []
+    for seed, shift in enumerate([(0.25, 0.5, 0.75), (-3.6, 2.4, -1.3), (4.0, -0.5, 3.2)]):
+        pair = particle_pair((80, 80, 80), uniform_flow(shift), 10 / 32**3, sigma, seed=seed)
+        error = measure(*pair, CUBES).raw - np.reshape(shift, (3, 1, 1, 1))
+        inner = error[:, 1:-1, 1:-1, 1:-1].reshape(3, -1)
+        bias.append(inner.mean(1))
+        noise.append(inner.std(1))
+    limit = np.array(sigma) ** 2
+    assert (np.abs(np.mean(bias, 0)) < 0.01 * np.maximum(limit, 1)).all()
+    assert (np.sqrt(np.mean(np.square(noise), 0)) < 0.03 * np.maximum(limit, 1)).all()
+
+
+def test_rotation_with_the_shear_of_a_deep_volume(particle_pair):
+    """Solid-body rotation: 0.18 voxel per voxel of depth, a shear of 2.9 voxels inside a window; noisy, long blobs."""
+    shape = (64, 128, 160)
+    centre = (np.array(shape[::-1]) - 1) / 2
+
+    def flow(p):
+        q = p - centre
+        return np.stack([0.18 * q[:, 2], np.full(len(p), 2.9), -0.0089 * q[:, 0]], -1)
+
+    pair = particle_pair(
+        shape, flow, 36 / 65536, (0.7, 0.7, 1.3), seed=1, lost=0.1, ghosts=0.2, jitter=(0.15, 0.15, 0.35)
+    )
+    settings = CorrelationSettings(windows=((96, 96, 32), (64, 64, 16)))
+    field = measure(*pair, settings)
+    error = field.raw - at_centres(flow, field)
+    assert field.valid.mean() > 0.97
+    assert (np.abs(error) < 1).all()
+    assert (np.sqrt((error**2).mean((1, 2, 3))) < (0.1, 0.1, 0.2)).all()
+    slope = np.polyfit(field.z, field.raw[0].mean((1, 2)), 1)[0]
+    assert slope == pytest.approx(0.18, rel=0.02)
+
+    # one pass without deformation loses the gradient's particles: the loop must be better
+    single = correlation_pass(*pair, window_grid(shape, (64, 64, 16), 0.5), None, settings, 0.375)
+    assert np.median(np.abs(single.displacement - at_centres(flow, field))[0]) > 2 * np.median(np.abs(error)[0])
+
+
+@pytest.mark.parametrize(("windows_per_wave", "least"), [(2, 0.68), (3, 0.86), (4, 0.93)])
+def test_amplitude_of_a_wave_beats_a_plain_average_over_the_window(particle_pair, windows_per_wave, least):
+    """A window that averages sees sinc(1/wavelength) = 0.64, 0.83, 0.90 of a sinusoidal shear; deformation more."""
+
+    def wave(y):
+        return np.sin(2 * np.pi * y / (windows_per_wave * 32))
+
+    pair = particle_pair(
+        (32, 192, 96),
+        lambda p: np.stack([1.5 * wave(p[:, 1]), 0 * p[:, 0], 0 * p[:, 0]], -1),
+        36 / (32 * 32 * 16),
+        seed=3,
+    )
+    field = measure(*pair, CorrelationSettings(windows=((48, 48, 32), (32, 32, 16))))
+    shape = wave(field.y)[:, None]
+    amplitude = (field.raw[0] * shape).sum() / (np.broadcast_to(shape**2, field.raw[0].shape).sum() * 1.5)
+    assert least < amplitude < 1.05
+    assert amplitude > np.sinc(1 / windows_per_wave)
+
+
+@pytest.fixture(scope="module")
+def small_pair(particle_pair, uniform_flow):
+    return particle_pair((40, 48, 56), uniform_flow((1.2, -0.7, 0.6)), 10 / 24**3, seed=8)
+
+
+SMALL = CorrelationSettings(windows=((32, 32, 24), (24, 24, 16)))
+
+
+def test_sparse_and_dense_volumes_give_the_same(small_pair):
+    sparse = []
+    for v in small_pair:
+        lit = v.values > 0
+        s = SparseVolume.from_mask(v.grid, lit)
+        sparse.append(s.with_values(v.values[lit]))
+    one, other = measure(*small_pair, SMALL), measure(*sparse, SMALL)
+    np.testing.assert_array_equal(one.displacement, other.displacement)
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="needs two threads")
+def test_threads_change_nothing(small_pair):
+    before = numba.get_num_threads()
+    try:
+        fields = []
+        for threads in (1, 2):
+            numba.set_num_threads(threads)
+            fields.append(measure(*small_pair, SMALL))
+    finally:
+        numba.set_num_threads(before)
+    np.testing.assert_array_equal(fields[0].raw, fields[1].raw)
+    np.testing.assert_array_equal(fields[0].peak_ratio, fields[1].peak_ratio)
+
+
+def test_planes_are_asked_for_in_slabs(small_pair):
+    class Watched:
+        def __init__(self, volume):
+            self.grid, self.volume, self.most = volume.grid, volume, 0
+
+        def slab(self, lo, hi):
+            self.most = max(self.most, hi - lo)
+            return self.volume.slab(lo, hi)
+
+    pair = [Watched(v) for v in small_pair]
+    measure(*pair, CorrelationSettings(windows=((24, 24, 8),)))
+    assert max(v.most for v in pair) <= 14  # half a window, what deformation reaches, and the spline
+
+
+def test_dark_windows_are_replaced_and_the_rest_is_measured(particle_pair, uniform_flow):
+    pair = particle_pair((32, 32, 128), uniform_flow((1.0, 0.5, -0.5)), 20 / 32**3, seed=9)
+    for v in pair:
+        v.values[:, :, 80:] = 0
+    field = measure(*pair, CUBES)
+    assert not field.valid[..., -1].any()
+    assert field.valid[..., 0].all()
+    assert np.isfinite(field.displacement).all()
+    assert np.isfinite(field.raw).all()
+    # continued from windows that the cut crosses, which see it in both volumes: 0.5 voxel is what one can ask
+    np.testing.assert_allclose(field.displacement[..., -1], np.reshape([1.0, 0.5, -0.5], (3, 1, 1)), atol=0.5)
+
+
+def test_no_light_at_all_is_an_error():
+    grid = VoxelGrid((0.0,) * 3, (1.0,) * 3, (32, 32, 32))
+    dark = DenseVolume(grid, np.zeros(grid.shape, np.float32))
+    with pytest.raises(PlenoPIVError, match="particles"):
+        measure(dark, dark, CUBES)
+
+
+def test_volumes_of_different_grids_are_refused():
+    one, other = (VoxelGrid((0.0,) * 3, (d,) * 3, (32, 32, 32)) for d in (1.0, 2.0))
+    dark = np.zeros(one.shape, np.float32)
+    with pytest.raises(PlenoPIVError, match="differ in grid"):
+        measure(DenseVolume(one, dark), DenseVolume(other, dark), CUBES)
+
+
+def test_far_displacement_warns(particle_pair, uniform_flow):
+    pair = particle_pair((32, 48, 64), uniform_flow((10.5, 0.0, 0.0)), 30 / 32**3, seed=2)
+    with pytest.warns(PlenoPIVWarning, match=r"along x reaches 1\d\.\d voxels, more than a quarter"):
+        field = measure(*pair, CUBES)
+    assert np.median(field.displacement[0]) == pytest.approx(10.5, abs=0.1)
+
+
+def test_progress_counts_every_layer(small_pair):
+    told = []
+    measure(*small_pair, SMALL, lambda what, done, total: told.append((what, done, total)))
+    assert told[0] == ("correlation pass 1 of 4", 1, 2)
+    assert told[-1] == ("correlation pass 4 of 4", 4, 4)

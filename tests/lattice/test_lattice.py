@@ -1,0 +1,60 @@
+"""Lattices against brute force over all lenses around, and signs of rows, offset and rotation."""
+
+from math import pi, sqrt
+
+import numpy as np
+import pytest
+
+from plenopiv.lattice import Lattice
+
+LATTICES = [
+    Lattice("square", 0.077),
+    Lattice("square", 0.044, 0.3, (0.01, -0.02)),
+    Lattice("hexagonal", 0.077),
+    Lattice("hexagonal", 0.077, -0.02, (-0.031, 0.013)),
+    Lattice("hexagonal", 0.05, 1.1, (0.02, 0.0)),
+]
+
+
+@pytest.mark.parametrize("lattice", LATTICES, ids=str)
+def test_nearest_against_all_lenses(lattice):
+    points = np.random.default_rng(1).uniform(-0.4, 0.4, (600, 2))
+    j, i = (g.ravel() for g in np.mgrid[-20:21, -25:26])
+    s, t = lattice.centres(i, j)
+    nearest = np.argmin((points[:, :1] - s) ** 2 + (points[:, 1:] - t) ** 2, axis=1)
+    got_i, got_j = lattice.nearest(points[:, 0], points[:, 1])
+    np.testing.assert_array_equal(got_i, i[nearest])
+    np.testing.assert_array_equal(got_j, j[nearest])
+
+
+@pytest.mark.parametrize("lattice", LATTICES, ids=str)
+def test_centres_and_coordinates_are_inverse(lattice):
+    j, i = (g.ravel() for g in np.mgrid[-7:8, -7:8])
+    along, across = lattice.coordinates(*lattice.centres(i, j))
+    shift = 0.5 * (j % 2) if lattice.kind == "hexagonal" else 0.0
+    np.testing.assert_allclose(along, i + shift, atol=1e-12)
+    np.testing.assert_allclose(across, j * lattice.row_spacing, atol=1e-12)
+    back_i, back_j = lattice.nearest(*lattice.centres(i, j))
+    np.testing.assert_array_equal(back_i, i)
+    np.testing.assert_array_equal(back_j, j)
+
+
+@pytest.mark.parametrize("lattice", LATTICES, ids=str)
+def test_one_lens_per_cell_area(lattice):
+    points = np.random.default_rng(2).uniform(-1.0, 1.0, (40000, 2))
+    lenses = {*zip(*(g.tolist() for g in lattice.nearest(points[:, 0], points[:, 1])), strict=True)}
+    inside = [c for c in lenses if max(abs(v) for v in lattice.centres(*c)) < 1.0]
+    assert len(inside) * lattice.cell_area_mm2 == pytest.approx(4.0, rel=0.05)
+
+
+def test_geometry_of_a_hexagonal_lattice():
+    """All six neighbours are one pitch away; odd rows are shifted towards +s; the rotation is counter-clockwise."""
+    lattice = Lattice("hexagonal", 2.0)
+    neighbours = [(1, 0), (-1, 0), (0, 1), (-1, 1), (0, -1), (-1, -1)]
+    for i, j in neighbours:
+        assert np.hypot(*lattice.centres(i, j)) == pytest.approx(2.0)
+    assert lattice.centres(0, 1) == pytest.approx((1.0, sqrt(3.0)))
+    assert lattice.centres(0, -1) == pytest.approx((1.0, -sqrt(3.0)))
+    turned = Lattice("hexagonal", 2.0, pi / 2, (10.0, 20.0))
+    assert turned.centres(1, 0) == pytest.approx((10.0, 22.0))
+    assert Lattice("square", 2.0, pi / 2, (10.0, 20.0)).centres(0, 1) == pytest.approx((8.0, 20.0))

@@ -1,0 +1,76 @@
+"""Voxel grids and the dense and sparse forms of a volume."""
+
+import numpy as np
+import pytest
+
+from plenopiv.volume import DenseVolume, SparseVolume, VoxelGrid
+
+GRID = VoxelGrid.covering((-0.2, 0.3), (0.0, 0.21), (-0.5, 0.5), (0.05, 0.03, 0.1))
+
+
+def random_volume(seed=0, share=0.2):
+    rng = np.random.default_rng(seed)
+    mask = rng.random(GRID.shape) < share
+    mask[2] = False
+    volume = SparseVolume.from_mask(GRID, mask)
+    return mask, volume.with_values(rng.random(volume.column.size).astype(np.float32) + 0.1)
+
+
+def test_covering_counts_and_centres_voxels():
+    assert GRID.shape == (10, 7, 10)
+    assert GRID.size == 700
+    for (lo, hi), want in zip(GRID.limits_mm(), ((-0.2, 0.3), (0.0, 0.21), (-0.5, 0.5)), strict=True):
+        assert (lo, hi) == pytest.approx(want)
+    x, y, z = GRID.axes()
+    assert (x.size, y.size, z.size) == (10, 7, 10)
+    assert x[0] == pytest.approx(-0.175)
+    assert np.diff(z) == pytest.approx(np.full(9, 0.1))
+
+
+def test_covering_an_interval_that_voxels_do_not_divide():
+    grid = VoxelGrid.covering((0, 1), (0, 1), (-2, 2), (0.3, 0.5, 0.0769))
+    assert grid.shape == (53, 2, 4)  # ceil(52.02); 0.5 divides 1; ceil(3.33)
+    assert grid.limits_mm()[0] == pytest.approx((-0.1, 1.1))  # centred on the interval
+    assert VoxelGrid.covering((0, 0.7 + 1e-9), (0, 1), (0, 1), (0.1, 1, 1)).shape[2] == 7  # not 8 for a rounding
+
+
+def test_sparse_and_dense_are_the_same_volume():
+    mask, volume = random_volume()
+    want = np.zeros(GRID.shape, np.float32)
+    want[mask] = volume.values
+    np.testing.assert_array_equal(volume.dense().values, want)
+    assert volume.occupancy == pytest.approx(mask.mean())
+    again = SparseVolume.from_mask(GRID, want > 0).with_values(want[want > 0])
+    np.testing.assert_array_equal(again.row_start, volume.row_start)
+    np.testing.assert_array_equal(again.column, volume.column)
+
+
+@pytest.mark.parametrize(("lo", "hi"), [(0, 10), (3, 4), (-2, 3), (8, 13), (-5, 0), (10, 12), (-3, 14), (12, 15), (-6, -2)])
+def test_slabs_reach_beyond_the_volume_with_zeros(lo, hi):
+    _, volume = random_volume()
+    dense = volume.dense()
+    want = np.zeros((hi - lo, *GRID.shape[1:]), np.float32)
+    for k in range(max(lo, 0), min(hi, GRID.shape[0])):
+        want[k - lo] = dense.values[k]
+    np.testing.assert_array_equal(volume.slab(lo, hi), want)
+    np.testing.assert_array_equal(DenseVolume(GRID, dense.values).slab(lo, hi), want)
+
+
+def test_keeping_drops_voxels_and_no_others():
+    _, volume = random_volume()
+    keep = volume.values > 0.6
+    fewer = volume.keeping(keep)
+    want = volume.dense().values.copy()
+    want[want <= 0.6] = 0
+    np.testing.assert_array_equal(fewer.dense().values, want)
+    assert fewer.row_start[-1] == fewer.column.size == keep.sum()
+    none = volume.keeping(np.zeros(volume.column.size, bool))
+    assert none.column.size == 0
+    assert not none.dense().values.any()
+
+
+def test_columns_ascend_within_rows():
+    _, volume = random_volume()
+    for row in range(volume.row_start.size - 1):
+        column = volume.column[volume.row_start[row] : volume.row_start[row + 1]].astype(int)
+        assert (np.diff(column) > 0).all()
