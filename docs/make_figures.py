@@ -55,13 +55,14 @@ def draw(field: xr.Dataset, truth: Velocity, picture: Path) -> None:
         axes.plot(where[valid], field[name].values.reshape(-1)[valid], ".", ms=2.5, alpha=0.5, color=colour_of)
         axes.plot(where[order], true[order, component], color=INK, lw=1.0)
         axes.set(title=f"{name}: measured (dots), true (line)", xlabel=f"{'z' if name == 'u' else 'x'} (mm)")
-        axes.set_ylabel(f"{name} (m/s)")
+        axes.set_ylabel(f"{name} (m/s)", labelpad=1)
     picture.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(picture, dpi=110, facecolor="white")
     plt.close(figure)
 
 
 def main(arguments: list[str]) -> None:
+    """Draw ``arguments[0]``, or the demo."""
     if arguments:
         file = Path(arguments[0])
     else:

@@ -22,7 +22,7 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 
 if TYPE_CHECKING:
     from plenopiv.experiment import Experiment
-    from plenopiv.run.pair import RunResult
+    from plenopiv.run.frames import RunResult
 
 
 def load(path: str) -> Experiment:
@@ -33,7 +33,7 @@ def load(path: str) -> Experiment:
 
 
 def run(experiment: Experiment, **options: Any) -> RunResult:
-    """Run an experiment from raw images to a results folder; see ``plenopiv.run.pair.run``."""
-    from plenopiv.run.pair import run as run_pair
+    """Run an experiment from raw images to a results folder; see ``plenopiv.run.frames.run``."""
+    from plenopiv.run.frames import run as run_frames
 
-    return run_pair(experiment, **options)
+    return run_frames(experiment, **options)

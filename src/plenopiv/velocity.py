@@ -31,7 +31,7 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
     """One velocity field as an xarray Dataset with dims (time, z, y, x), time of length one.
 
     Coordinates x, y, z in mm in the object frame (z = 0 the focal plane, +z toward the camera), vectors at their
-    mid-time positions; ``time_s`` the time of the first frame. Variables: u, v, w in m/s after replacement; u_raw,
+    mid-time positions; ``time_s`` the mid-time of the two frames. Variables: u, v, w in m/s after replacement; u_raw,
     v_raw, w_raw as the last pass measured them; valid (int8, 1 = measured, 0 = replaced); peak_ratio.
     """
     import xarray as xr
@@ -62,7 +62,15 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
 
     meaning = {"x": "to the right as the camera sees", "y": "up as the camera sees", "z": "toward the camera"}
     coordinates: dict = {
-        "time": ("time", [float(time_s)], {"units": "s", "long_name": "time of the first frame", "axis": "T"})
+        "time": (
+            "time",
+            [float(time_s)],
+            {
+                "units": "s",
+                "long_name": "mid-time of the two frames, from the first frame of the recording",
+                "axis": "T",
+            },
+        )
     }
     for axis, index, first, voxel in zip("xyz", (field.x, field.y, field.z), grid.first_mm, grid.voxel_mm, strict=True):
         attributes = {"units": "mm", "long_name": f"{axis}, {meaning[axis]}", "axis": axis.upper()}

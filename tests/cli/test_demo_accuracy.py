@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-pytest.importorskip("plenopiv.run.pair", reason="the run is not there yet")
-
 from plenopiv.cli.demo import TABLES, accuracy
 from plenopiv.experiment import Experiment
 from plenopiv.simulation.flows import flow

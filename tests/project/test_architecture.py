@@ -50,8 +50,8 @@ def test_the_order_written_down_is_the_order_enforced():
     assert [line.split()[0] for line in block[1].splitlines() if line] == ROOMS[::-1]
 
 
-def test_nothing_imports_a_module_that_runs_kernels_to_read_a_file(graph):
-    """``plenopiv info`` and the experiment file must answer before a kernel library loads."""
+def test_the_experiment_file_reaches_no_kernels():
+    """A mistake in it is told before a kernel library loads."""
     linked = grimp.build_graph("plenopiv", include_external_packages=True, cache_dir=None)
     chain = linked.find_shortest_chain("plenopiv.experiment.file", "numba")
     assert chain is None, " -> ".join(chain or ())

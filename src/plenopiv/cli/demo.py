@@ -11,8 +11,7 @@ from plenopiv.cli.progress import Progress
 from plenopiv.cli.simulate import recorded
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
-from plenopiv.io.netcdf import read_velocity
-from plenopiv.run.pair import run as run_pair
+from plenopiv.run.frames import run as run_frames
 from plenopiv.simulation.flows import Velocity, flow
 
 if TYPE_CHECKING:
@@ -59,12 +58,16 @@ def demo(folder: Path, overwrite: bool) -> str:
     wanted = Experiment.from_dict(TABLES)
     made = recorded(wanted, folder, overwrite)
     experiment = Experiment.load(made.directory / "experiment.toml")
-    with Progress() as progress:
-        run_pair(experiment, progress, overwrite)
-    dataset = read_velocity(experiment.output_directory / "velocity.nc")
     assert wanted.simulation is not None
     truth = flow(wanted.simulation.flow, **wanted.simulation.parameters)
-    scores = accuracy(dataset, truth, experiment.volume.voxel_mm, experiment.recording_table.dt_s)
+    scores: dict[str, float] = {}
+
+    def score(dataset: xarray.Dataset) -> dict[str, float]:
+        scores.update(accuracy(dataset, truth, experiment.volume.voxel_mm, experiment.recording_table.dt_s))
+        return scores
+
+    with Progress() as progress:
+        run_frames(experiment, progress, overwrite, score)
     width = max(map(len, scores))
     return "\n".join(
         [

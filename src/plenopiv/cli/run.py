@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from plenopiv.cli.progress import Progress
@@ -15,9 +16,12 @@ def run(file: Path, overwrite: bool) -> str:
         PlenoPIVError: the experiment file or its images are wrong, or the output folder holds a complete run.
     """
     experiment = Experiment.load(file)
-    from plenopiv.run.pair import run as run_pair  # here: a mistake in the file is told before the kernels load
+    from plenopiv.run.frames import run as run_frames  # here: a mistake in the file is told before the kernels load
+    from plenopiv.run.memory import estimate
 
+    needed = estimate(experiment.camera(), experiment.grid())
+    print(f"plenopiv: memory: about {needed.peak / 1e9:.1f} GB", file=sys.stderr, flush=True)
     with Progress() as progress:
-        run_pair(experiment, progress, overwrite)
+        run_frames(experiment, progress, overwrite)
     folder = experiment.output_directory
     return f"{folder / 'velocity.nc'}\n{folder / 'report.html'}"

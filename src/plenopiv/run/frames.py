@@ -1,4 +1,7 @@
-"""One pair of frames: recording -> light field -> volume -> displacement -> velocity -> results folder."""
+"""All frames of a recording: light fields -> volumes -> displacements -> velocity -> results folder.
+
+Frames are ``dt_s`` apart; each is reconstructed once and correlated with the one before it.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import plenopiv
 from plenopiv.calibration import find_lattice
@@ -67,7 +71,7 @@ def run(
     overwrite: bool = False,
     score: Score | None = None,
 ) -> RunResult:
-    """Run the whole chain on the first two frames and write the results folder.
+    """Run the whole chain and write the results folder: velocity.nc, summary.json, experiment.toml, report.html.
 
     ``progress(stage, done, total)`` is called as work proceeds. ``score``, where the truth is known, turns the velocity
     field into measures for the report; a run itself never reads a truth.
@@ -85,47 +89,44 @@ def run(
             camera, calibration = calibrated_camera(experiment, recording)
             where = layout(camera)
             projector = Projector(where, experiment.grid(), experiment.reconstruction.weights)
-        memory = estimate(camera, projector.grid)
-        report(f"memory: about {memory.peak / 1e9:.1f} GB", 0, 1)
-        frames: list[Reconstruction] = []
-        crops = []
-        for k in range(2):
+
+        def reconstructed(k: int) -> tuple[NDArray[np.uint16], Reconstruction]:
             name = recording.frame_paths[k].name
             with clock("reconstruction"):
                 image = recording.frame(k)
-                crops += raw_crops(image, camera, name) if k == 0 else []
-                frames.append(
-                    reconstruct(
-                        decode(image, where),
-                        projector,
-                        experiment.reconstruction.settings(),
-                        name=name,
-                        progress=partial(report, f"reconstruction of {name}"),
-                    )
+                found = reconstruct(
+                    decode(image, where),
+                    projector,
+                    experiment.reconstruction.settings(),
+                    name=name,
+                    progress=partial(report, f"reconstruction of {name}"),
                 )
-        with clock("correlation"):
-            field = measure(frames[0].volume, frames[1].volume, experiment.correlation.settings(), report)
-        velocity = velocity_dataset(field, projector.grid, recording.dt_s)
+            return image, found
+
+        image, before = reconstructed(0)
+        crops, views = raw_crops(image, camera, recording.frame_paths[0].name), projections(before.volume)
+        frames, fields = [_frame_summary(before)], []
+        for k in range(1, len(recording)):
+            _, after = reconstructed(k)
+            frames.append(_frame_summary(after))
+            with clock("correlation"):
+                field = measure(before.volume, after.volume, experiment.correlation.settings(), report)
+            dt_s = recording.dt_s
+            fields.append(velocity_dataset(field, projector.grid, dt_s, time_s=(k - 0.5) * dt_s))
+            before = after
+        velocity = _joined(fields)
         velocity.attrs["source"] = f"PlenoPIV {plenopiv.__version__}, {experiment.path.name}"
         summary = {
             "plenopiv": plenopiv.__version__,
-            "experiment": str(experiment.path.name),
-            "frames": [str(path.name) for path in recording.frame_paths[:2]],
+            "experiment": experiment.path.name,
+            "frames": [path.name for path in recording.frame_paths],
             "calibration": calibration,
             "voxels": projector.grid.size,
-            "reconstruction": [
-                {
-                    "threshold_counts": frame.threshold,
-                    "candidate_share": frame.candidates,
-                    "residual_counts_by_round": list(frame.residuals),
-                    "voxels_kept": int(frame.volume.column.size),
-                }
-                for frame in frames
-            ],
-            "vectors": int(field.valid.size),
-            "replaced_share": float(1.0 - field.valid.mean()),
-            "median_peak_ratio": float(np.nanmedian(field.peak_ratio)),
-            "memory_estimate_gb": memory.peak / 1e9,
+            "reconstruction": frames,
+            "vectors": int(velocity.valid.size),
+            "replaced_share": float(1.0 - velocity.valid.values.mean()),
+            "median_peak_ratio": float(np.nanmedian(velocity.peak_ratio.values)),
+            "memory_estimate_gb": estimate(camera, projector.grid).peak / 1e9,
             "warnings": [str(w.message) for w in caught],
             "timings_s": clock.seconds,
         }
@@ -139,11 +140,27 @@ def run(
                 summary=summary,
                 dataset=velocity,
                 crops=crops,
-                views=projections(frames[0].volume),
+                views=views,
                 accuracy=score(velocity) if score else None,
             )
         out.write_json("summary.json", summary)
     return RunResult(velocity, summary, experiment.output_directory)
+
+
+def _frame_summary(frame: Reconstruction) -> dict[str, Any]:
+    return {
+        "threshold_counts": frame.threshold,
+        "candidate_share": frame.candidates,
+        "residual_counts_by_round": list(frame.residuals),
+        "voxels_kept": int(frame.volume.column.size),
+    }
+
+
+def _joined(fields: list[xarray.Dataset]) -> xarray.Dataset:
+    """The fields of successive pairs along time."""
+    import xarray
+
+    return fields[0] if len(fields) == 1 else xarray.concat(fields, "time", combine_attrs="override")
 
 
 class _Clock:
