@@ -42,7 +42,7 @@ def draw(field: xr.Dataset, truth: Velocity, picture: Path) -> None:
     slice_axes.set(
         title=f"measured (u, w) at y = {float(middle['y']):.2f} mm", xlabel="x (mm)", ylabel="z (mm), toward the camera"
     )
-    figure.colorbar(colour, ax=slice_axes, label="u (m/s)")
+    figure.colorbar(colour, ax=slice_axes).ax.set_title("u (m/s)", fontsize=9)
     at_z, at_y, at_x = np.meshgrid(*(field[axis].values for axis in "zyx"), indexing="ij")
     true = truth(np.stack([at_x, at_y, at_z], -1).reshape(-1, 3))
     valid = field["valid"].values.reshape(-1) == 1
@@ -55,7 +55,7 @@ def draw(field: xr.Dataset, truth: Velocity, picture: Path) -> None:
         axes.plot(where[valid], field[name].values.reshape(-1)[valid], ".", ms=2.5, alpha=0.5, color=colour_of)
         axes.plot(where[order], true[order, component], color=INK, lw=1.0)
         axes.set(title=f"{name}: measured (dots), true (line)", xlabel=f"{'z' if name == 'u' else 'x'} (mm)")
-        axes.set_ylabel(f"{name} (m/s)", labelpad=1)
+        axes.set_ylabel(f"{name} (m/s)")
     picture.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(picture, dpi=110, facecolor="white")
     plt.close(figure)

@@ -41,10 +41,11 @@ def test_centres_and_coordinates_are_inverse(lattice):
 
 @pytest.mark.parametrize("lattice", LATTICES, ids=str)
 def test_one_lens_per_cell_area(lattice):
-    points = np.random.default_rng(2).uniform(-1.0, 1.0, (40000, 2))
-    lenses = {*zip(*(g.tolist() for g in lattice.nearest(points[:, 0], points[:, 1])), strict=True)}
-    inside = [c for c in lenses if max(abs(v) for v in lattice.centres(*c)) < 1.0]
-    assert len(inside) * lattice.cell_area_mm2 == pytest.approx(4.0, rel=0.05)
+    j, i = (g.ravel() for g in np.mgrid[-40:41, -40:41])
+    s, t = lattice.centres(i, j)
+    radius = 25 * lattice.pitch_mm
+    inside = np.count_nonzero(np.hypot(s, t) < radius)
+    assert inside * lattice.cell_area_mm2 == pytest.approx(pi * radius**2, rel=0.01)
 
 
 def test_geometry_of_a_hexagonal_lattice():

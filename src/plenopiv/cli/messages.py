@@ -5,6 +5,7 @@ Exit codes: 0 done (perhaps with warnings), 2 an input cannot be used, 130 inter
 
 from __future__ import annotations
 
+import logging
 import signal
 import sys
 import threading
@@ -20,7 +21,7 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line (``sys.argv`` by default) and return its exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    with _warnings_in_one_line(), _terminated_like_interrupted():
+    with _warnings_in_one_line(), _notes_in_one_line(), _terminated_like_interrupted():
         try:
             code = app(args=given or ["--help"], prog_name="plenopiv", standalone_mode=False)
         except PlenoPIVError as error:
@@ -66,6 +67,21 @@ def _warnings_in_one_line() -> Iterator[None]:
 
         warnings.showwarning = show
         yield
+
+
+@contextmanager
+def _notes_in_one_line() -> Iterator[None]:
+    """Print what the package logs (what memory a run takes, say), a line each."""
+    log, handler = logging.getLogger("plenopiv"), logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("plenopiv: %(message)s"))
+    before = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(before)
 
 
 @contextmanager

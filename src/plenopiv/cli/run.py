@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from plenopiv.cli.progress import Progress
@@ -17,10 +16,7 @@ def run(file: Path, overwrite: bool) -> str:
     """
     experiment = Experiment.load(file)
     from plenopiv.run.frames import run as run_frames  # here: a mistake in the file is told before the kernels load
-    from plenopiv.run.memory import estimate
 
-    needed = estimate(experiment.camera(), experiment.grid())
-    print(f"plenopiv: memory: about {needed.peak / 1e9:.1f} GB", file=sys.stderr, flush=True)
     with Progress() as progress:
         run_frames(experiment, progress, overwrite)
     folder = experiment.output_directory

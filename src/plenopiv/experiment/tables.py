@@ -166,6 +166,7 @@ class CorrelationTable(Table):
     coarse_passes: int = CorrelationSettings.coarse_passes
     fine_passes: int = CorrelationSettings.fine_passes
     smoothing_voxels: float = CorrelationSettings.smoothing_voxels
+    taper_voxels: float = CorrelationSettings.taper_voxels
     intensity_exponent: float = CorrelationSettings.intensity_exponent
     whitening: float = CorrelationSettings.whitening
     search: float = CorrelationSettings.search

@@ -5,6 +5,7 @@ Frames are ``dt_s`` apart; each is reconstructed once and correlated with the on
 
 from __future__ import annotations
 
+import logging
 import time
 import warnings
 from collections.abc import Callable, Mapping
@@ -36,6 +37,7 @@ from plenopiv.velocity import velocity_dataset
 if TYPE_CHECKING:
     import xarray
 
+log = logging.getLogger("plenopiv")
 Progress = Callable[[str, int, int], None]
 Score = Callable[["xarray.Dataset"], Mapping[str, Any]]
 
@@ -90,6 +92,11 @@ def run(
             where = layout(camera)
             projector = Projector(where, experiment.grid(), experiment.reconstruction.weights)
 
+        needed = estimate(camera, projector.grid)
+        for k in range(2):  # before long work begins; later frames when their turn comes
+            recording.frame(k)
+        log.info("memory: about %.1f GB", needed.peak / 1e9)
+
         def reconstructed(k: int) -> tuple[NDArray[np.uint16], Reconstruction]:
             name = recording.frame_paths[k].name
             with clock("reconstruction"):
@@ -126,7 +133,7 @@ def run(
             "vectors": int(velocity.valid.size),
             "replaced_share": float(1.0 - velocity.valid.values.mean()),
             "median_peak_ratio": float(np.nanmedian(velocity.peak_ratio.values)),
-            "memory_estimate_gb": estimate(camera, projector.grid).peak / 1e9,
+            "memory_estimate_gb": needed.peak / 1e9,
             "warnings": [str(w.message) for w in caught],
             "timings_s": clock.seconds,
         }

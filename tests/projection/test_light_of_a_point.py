@@ -1,0 +1,124 @@
+"""The projector against light: a point at a voxel's centre, by depth, off axis, on both lattices, turned and shifted.
+
+The reference is the point's image (closed form of a square lattice along the axes, else quadrature over the aperture),
+decoded like a recording. Run with ``pytest -s`` for the table by depth.
+"""
+
+from functools import cache
+
+import numba
+import numpy as np
+import pytest
+from oracles.cameras import projected_point, small_camera
+from oracles.light import point_image_quadrature, point_image_square
+from oracles.naive_projection import exact_light
+
+from plenopiv.lightfield import decode, layout
+
+LATTICES = {
+    "square": ("square", 0.0, (0.0, 0.0)),
+    "square, shifted": ("square", 0.0, (0.017, -0.006)),
+    "square, 0.1 deg": ("square", 0.1, (0.017, -0.006)),
+    "square, 1 deg": ("square", 1.0, (0.017, -0.006)),
+    "hexagonal": ("hexagonal", 0.0, (0.0, 0.0)),
+    "hexagonal, 0.1 deg": ("hexagonal", 0.1, (0.013, -0.027)),
+    "hexagonal, 1 deg": ("hexagonal", 1.0, (0.013, -0.027)),
+}
+DEPTHS_MM = (-8.0, -4.0, -2.0, -1.0, -0.2, 0.0, 0.2, 1.0, 2.0, 4.0, 8.0)
+PLACES_MM = ((0.003, 0.002), (0.11, -0.07))
+every_lattice = pytest.mark.parametrize("name", LATTICES)
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    """One voxel is no work to share."""
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    yield
+    numba.set_num_threads(threads)
+
+
+@cache
+def layout_of(name):
+    kind, degrees, offset = LATTICES[name]
+    return layout(small_camera(kind, rotation_rad=np.deg2rad(degrees), offset_mm=offset))
+
+
+def decoded_light(where, point, n=1400):
+    camera = where.camera
+    separable = camera.lattice.kind == "square" and camera.lattice.rotation_rad == 0.0
+    image = point_image_square(camera, point) if separable else point_image_quadrature(camera, point, n)
+    return decode(image, where).values.astype(float)
+
+
+@every_lattice
+def test_exact_weights_are_the_light(name):
+    """Largest error of a pixel over the brightest pixel, at any depth."""
+    where, worst = layout_of(name), {}
+    for z in DEPTHS_MM:
+        errors = []
+        for place in PLACES_MM:
+            want = decoded_light(where, (*place, z))
+            errors.append(np.abs(projected_point(where, (*place, z)) - want).max() / want.max())
+        worst[z] = max(errors)
+    print(f"\n{name:19}", *(f"{z:+.1f} mm {error:.4f} " for z, error in worst.items()))
+    assert max(worst.values()) <= 1e-2
+
+
+@every_lattice
+def test_exact_weights_are_the_light_through_their_own_lens(name):
+    """As above but for the light that a neighbouring microlens sends to a pixel, which no view can describe."""
+    where, worst = layout_of(name), {}
+    for z in DEPTHS_MM:
+        want = exact_light(where, (*PLACES_MM[1], z))
+        worst[z] = np.abs(projected_point(where, (*PLACES_MM[1], z)) - want).max() / want.max()
+    print(f"\n{name:19}", *(f"{z:+.1f} mm {error:.4f} " for z, error in worst.items()))
+    assert max(worst.values()) <= 1e-2
+
+
+@every_lattice
+def test_pixels_away_from_the_rim_are_exact(name):
+    """Where the aperture cuts no pixel there is no approximation but the lattice's angle."""
+    where = layout_of(name)
+    inner = np.hypot(*(np.abs(where.offsets) + 1.05).T) <= where.camera.aperture_radius_px
+    assert inner.sum() > 80
+    for z in (-4.0, -1.0, 0.0, 2.0, 8.0):
+        want = exact_light(where, (*PLACES_MM[1], z))
+        error = np.abs(projected_point(where, (*PLACES_MM[1], z)) - want)[inner].max() / want.max()
+        assert error <= 2e-5 + 0.16 * abs(where.camera.lattice.rotation_rad)
+
+
+def test_the_naive_projection_is_the_light():
+    """Its own check: with what neighbouring lenses add left out, never more than the closed form and often equal."""
+    where = layout_of("square, shifted")
+    for z in (-4.0, -0.2, 0.0, 1.0, 8.0):
+        want = decoded_light(where, (*PLACES_MM[1], z))
+        own = exact_light(where, (*PLACES_MM[1], z))
+        assert (want - own).min() > -2e-7 * want.max()  # decode is float32
+        assert np.median(np.abs(want - own)[want > 0]) < 1e-7 * want.max()
+    where = layout_of("hexagonal, 1 deg")
+    want, own = decoded_light(where, (0.11, -0.07, 4.0)), exact_light(where, (0.11, -0.07, 4.0))
+    assert own.sum() == pytest.approx(want.sum(), rel=1e-2)
+    assert np.median(np.abs(want - own)[want > 0]) < 1e-3 * want.max()
+
+
+@pytest.mark.parametrize("name", ["square, shifted", "hexagonal, 1 deg"])
+def test_more_rays_come_nearer_to_the_light(name):
+    """Misplaced light, sum |error| over the sum, by depth: exact < 9 rays < 1 ray, and rays get worse with depth."""
+    where = layout_of(name)
+    misplaced = {}
+    for z in (-4.0, -1.0, 1.0, 4.0, 8.0):
+        want = exact_light(where, (*PLACES_MM[1], z))
+        misplaced[z] = [
+            np.abs(projected_point(where, (*PLACES_MM[1], z), rule) - want).sum() / want.sum()
+            for rule in ("exact", "9-rays", "1-ray")
+        ]
+    for z, (exact, nine, one) in misplaced.items():
+        print(f"\n{name:19} {z:+.1f} mm: exact {exact:.4f}  9 rays {nine:.4f}  1 ray {one:.4f}", end="")
+        assert exact < 0.01
+        assert exact < nine < one
+    nine, one = ({z: m[k] for z, m in misplaced.items()} for k in (1, 2))
+    assert nine[1.0] < nine[4.0] < nine[8.0]
+    assert one[1.0] < one[4.0] < one[8.0]
+    assert nine[1.0] < 0.1
+    assert one[1.0] < 0.4
