@@ -5,7 +5,7 @@ The same as ``plenopiv run experiment.toml``, in Python:
     import plenopiv
 
     experiment = plenopiv.load("experiment.toml")
-    result = plenopiv.run(experiment)
+    result = plenopiv.process(experiment)
     print(result.velocity.w.max(), result.summary["replaced_share"])
 
 The chain, each stage a room of its own: recording -> lightfield -> reconstruction (volume) -> displacement -> velocity.
@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0.dev0"
-__all__ = ["PlenoPIVError", "PlenoPIVWarning", "load", "run"]
+__all__ = ["PlenoPIVError", "PlenoPIVWarning", "load", "process"]
 
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 
@@ -32,7 +32,7 @@ def load(path: str) -> Experiment:
     return Experiment.load(path)
 
 
-def run(experiment: Experiment, **options: Any) -> RunResult:
+def process(experiment: Experiment, **options: Any) -> RunResult:
     """Run an experiment from raw images to a results folder; see ``plenopiv.run.frames.run``."""
     from plenopiv.run.frames import run as run_frames
 

@@ -38,4 +38,6 @@ if not os.environ.get("NUMBA_CACHE_DIR"):
 
 kernel = partial(numba.njit, **FLAGS)
 parallel_kernel = partial(numba.njit, parallel=True, **FLAGS)
+plain_kernel = partial(numba.njit, cache=True)
+plain_parallel_kernel = partial(numba.njit, cache=True, parallel=True)
 inlined = partial(numba.njit, inline="always", **FLAGS)

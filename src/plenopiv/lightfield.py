@@ -90,7 +90,8 @@ def _neighbour_offsets_px(camera: PlenopticCamera) -> NDArray:
 
 
 def _clock(camera: PlenopticCamera) -> NDArray[np.int64]:
-    """Fractional pixel of the micro-images' centres in units of 2**-32 px: at lens (0, 0), per half pitch along a row, per row.
+    """Fractional pixel of the micro-images' centres in units of 2**-32 px: at lens (0, 0), per half pitch along a
+    row, per row.
 
     Kernels get a lens' phase from its indices by integer arithmetic that wraps around, which no rounding disturbs:
     phase = wrap(clock[0] + (2 i + odd row) clock[1] + j clock[2]).

@@ -27,7 +27,8 @@ def small_camera(
     aperture=1.0,
     black_level=0.0,
 ) -> PlenopticCamera:
-    """The paper's optics (f_m 50 mm, f_l 0.308 mm, 5.5 um pixels) on a small sensor; ``aperture`` in matched apertures."""
+    """The paper's optics (f_m 50 mm, f_l 0.308 mm, 5.5 um pixels) on a small sensor; ``aperture`` in matched
+    apertures."""
     pitch = pmr * PIXEL_MM
     image_distance = conjugate_distances(50.0, magnification)[1]
     columns, rows = (round(n * pmr) for n in microlenses)

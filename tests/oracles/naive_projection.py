@@ -12,6 +12,7 @@ import numpy as np
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.lightfield import Layout
+import itertools
 
 Polygon = list[tuple[float, float]]
 
@@ -55,7 +56,7 @@ def area_in_disc(polygon: Polygon, radius: float) -> float:
         middle, apart = -(ax * dx + ay * dy) / length2, (ax * dy - ay * dx) ** 2 / length2
         half = sqrt(max(radius * radius - apart, 0.0) / length2)
         cuts = [0.0, *(f for f in (middle - half, middle + half) if half and 0.0 < f < 1.0), 1.0]
-        for f, g in zip(cuts, cuts[1:], strict=False):
+        for f, g in itertools.pairwise(cuts):
             (px, py), (qx, qy) = (ax + f * dx, ay + f * dy), (ax + g * dx, ay + g * dy)
             cross = px * qy - py * qx
             if hypot(0.5 * (px + qx), 0.5 * (py + qy)) <= radius:
@@ -84,7 +85,8 @@ def pixel_polygon(camera: PlenopticCamera, point_mm, lens_mm, column, row) -> Po
 
 
 def light_through(camera: PlenopticCamera, point_mm, lens_mm, column, row, cell_mm: Polygon) -> float:
-    """Share of a point's light that reaches a pixel through one microlens: area on the main lens over the aperture's."""
+    """Share of a point's light that reaches a pixel through one microlens: area on the main lens over the
+    aperture's."""
     x, y, z = point_mm
     a, b, radius = float(camera.spread(z)), float(camera.scale(z)), 0.5 * camera.main_lens.aperture_mm
     pixel = pixel_polygon(camera, point_mm, lens_mm, column, row)

@@ -45,7 +45,9 @@ def test_sparse_and_dense_are_the_same_volume():
     np.testing.assert_array_equal(again.column, volume.column)
 
 
-@pytest.mark.parametrize(("lo", "hi"), [(0, 10), (3, 4), (-2, 3), (8, 13), (-5, 0), (10, 12), (-3, 14), (12, 15), (-6, -2)])
+@pytest.mark.parametrize(
+    ("lo", "hi"), [(0, 10), (3, 4), (-2, 3), (8, 13), (-5, 0), (10, 12), (-3, 14), (12, 15), (-6, -2)]
+)
 def test_slabs_reach_beyond_the_volume_with_zeros(lo, hi):
     _, volume = random_volume()
     dense = volume.dense()

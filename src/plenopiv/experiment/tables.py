@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, WithJsonSchema, model_validator
 
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.reconstruction.settings import Method, ReconstructionSettings, Weights
@@ -98,10 +98,19 @@ class SensorTable(Table):
         return self
 
 
+def _unfocused(value: Any) -> Any:
+    if isinstance(value, str) and value != "plenoptic":
+        raise ValueError(
+            f'{value!r}: only "plenoptic" is supported, a monochrome camera whose sensor lies one focal length behind '
+            "its microlenses; focused (plenoptic 2.0), multi-focus and Bayer cameras are not"
+        )
+    return value
+
+
 class CameraTable(Table):
     """``[camera]``."""
 
-    kind: Literal["plenoptic"]
+    kind: Annotated[Literal["plenoptic"], BeforeValidator(_unfocused)]
     main_lens: MainLensTable
     microlens_array: MicrolensArrayTable
     sensor: SensorTable
@@ -202,11 +211,11 @@ class SimulationTable(Table):
     parameters: dict[str, Any] = {}
     particles_per_microlens: PositiveFloat = 1.0
     electrons_per_pixel: PositiveFloat = 400.0
-    electrons_spread: NotNegative = 0.0
+    electrons_spread: NotNegative = 0.25
     diameter_mm: NotNegative = 0.0
     margin_mm: Annotated[tuple[NotNegative, NotNegative, NotNegative], Field(strict=False)] | None = None
     gain: PositiveFloat = 0.5
-    read_noise_electrons: NotNegative = 4.0
+    read_noise_electrons: NotNegative = 3.0
     shot_noise: bool = True
     diffraction: bool = False
     wavelength_nm: PositiveFloat = 532.0

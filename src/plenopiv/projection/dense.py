@@ -29,10 +29,11 @@ F = np.float32
 
 @kernel
 def row_weights(geo, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, n, weight):
-    """Shares of a pixel for voxels in a row: voxel i lies (x0 + i step_x, y0 + i step_y) cells off its footprint's centre.
+    """Shares of a pixel for voxels in a row: voxel i lies (x0 + i step_x, y0 + i step_y) cells off its footprint's
+    centre.
 
-    Computes whole vectors of LANES voxels, so that no scalar remainder is left: n is a multiple of LANES. Voxels outside
-    the footprint get 0. ``share``: of the pixel that is lit, for a single ray.
+    Computes whole vectors of LANES voxels, so that no scalar remainder is left: n is a multiple of LANES. Voxels
+    outside the footprint get 0. ``share``: of the pixel that is lit, for a single ray.
     """
     for b in range(0, n, LANES):
         part = weight[b : b + LANES]
@@ -90,7 +91,6 @@ def forward(geo, table, rule, rim, m, n, lens_mm, phase, share, seen, chunks, vo
                 if i0 >= i1 or j0 >= j1:
                     continue
                 total = F(0)
-                cut = rim and share[lens] < F(1)
                 lanes = (i1 - i0 + LANES - 1) // LANES * LANES
                 step_x, step_y = plane.cell_x * geo.cos, -plane.cell_x * geo.sin
                 for j in range(j0, j1):
@@ -99,7 +99,7 @@ def forward(geo, table, rule, rim, m, n, lens_mm, phase, share, seen, chunks, vo
                         continue
                     ox, oy = plane.cell_x * (F(i0) - cx), plane.cell_y * (F(j) - cy)
                     x0, y0 = geo.cos * ox + geo.sin * oy, geo.cos * oy - geo.sin * ox
-                    row_weights(geo, plane, rule, cut, share[lens], qx, qy, x0, y0, step_x, step_y, lanes, weight)
+                    row_weights(geo, plane, rule, rim, share[lens], qx, qy, x0, y0, step_x, step_y, lanes, weight)
                     for i in range(lanes):
                         total += weight[i] * row[i]
                 image[lens] += plane.light * total
@@ -131,7 +131,6 @@ def spread_back(geo, plane, rule, rim, m, n, lens_mm, phase, share, seen, image,
         j0, j1 = max(floor_of(cy - reach_y) + 1, 0), min(floor_of(cy + reach_y) + 1, ny)
         if i0 >= i1 or j0 >= j1:
             continue
-        cut = rim and share[lens] < F(1)
         lanes = (i1 - i0 + LANES - 1) // LANES * LANES
         step_x, step_y = plane.cell_x * geo.cos, -plane.cell_x * geo.sin
         for j in range(j0, j1):
@@ -139,7 +138,7 @@ def spread_back(geo, plane, rule, rim, m, n, lens_mm, phase, share, seen, image,
                 continue
             ox, oy = plane.cell_x * (F(i0) - cx), plane.cell_y * (F(j) - cy)
             x0, y0 = geo.cos * ox + geo.sin * oy, geo.cos * oy - geo.sin * ox
-            row_weights(geo, plane, rule, cut, share[lens], qx, qy, x0, y0, step_x, step_y, lanes, weight)
+            row_weights(geo, plane, rule, rim, share[lens], qx, qy, x0, y0, step_x, step_y, lanes, weight)
             row = out[j, i0 : i0 + lanes]
             for i in range(lanes):
                 row[i] += weight[i] * value

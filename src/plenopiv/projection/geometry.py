@@ -7,10 +7,11 @@ centre S (1 + e) is thus reached by u = (q + B x - S) / (1 - A), and that ray li
     A q + B x - S   is in the microlens' cell scaled by (1 - A).
 
 With lengths in *cells*, pitches divided by (1 - A), what a pixel receives of a voxel is the area that its square of
-side |A| portion / ((1 - A) pitch) shares with a cell of unit size: exact for every lattice and depth. The square is taken
-parallel to the lattice's rows; for a lattice turned by a few degrees that changes no weight by more than 1e-3.
+side |A| portion / ((1 - A) pitch) shares with a cell of unit size: exact for every lattice and depth. The square is
+taken parallel to the lattice's rows; for a lattice turned by a few degrees that changes no weight by more than 1e-3.
 
-At the aperture's rim the pixel is cut by the disc |u| <= P_m/2: in pixels of q, radius (1 - A) R around (S - B x)/portion.
+At the aperture's rim the pixel is cut by the disc |u| <= P_m/2: in pixels of q, radius (1 - A) R around (S - B
+x)/portion.
 """
 
 from __future__ import annotations

@@ -19,9 +19,9 @@ DENSE_ABOVE = 0.3  # share of voxels listed from which dense kernels are the fas
 class Projector:
     """Between a volume and the views of a plenoptic camera.
 
-    A volume is a ``SparseVolume`` or a dense float32 array (nz, ny, nx + padding) from ``allocate``, whose columns beyond
-    nx stay 0 and spare the kernels a scalar remainder. A voxel's value is its light: the sum of the counts that it gives
-    in all pixels when the whole aperture sees it. Images of a view are float32 (lens,), in counts.
+    A volume is a ``SparseVolume`` or a dense float32 array (nz, ny, nx + padding) from ``allocate``, whose columns
+    beyond nx stay 0 and spare the kernels a scalar remainder. A voxel's value is its light: the sum of the counts
+    that it gives in all pixels when the whole aperture sees it. Images of a view are float32 (lens,), in counts.
 
     ``weights``: "1-ray" (the centre of each pixel's portion of the main lens), "9-rays", or "exact" areas.
     """
@@ -86,7 +86,8 @@ class Projector:
         return image
 
     def gather(self, view: int, image: NDArray[np.float32], volume: SparseVolume) -> NDArray[np.float32]:
-        """For each listed voxel the sum of ``image`` over the pixels that it lights, each by its lit share of the pixel."""
+        """For each listed voxel the sum of ``image`` over the pixels that it lights, each by its lit share of the
+        pixel."""
         out = np.empty(volume.values.size, np.float32)
         seen = np.append(np.where(self.layout.seen[view], image, 0.0), 0.0).astype(np.float32)
         self._walk(view, volume, CHUNKS, seen, np.empty((1, 1), np.float32), out, False)

@@ -45,7 +45,8 @@ def window_of(geo, plane, rule):
 
 @kernel
 def slot_places(geo, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, lens, x, y, qx, qy, inside, m, n):
-    """For one slot: the lens of each voxel, where the voxel lies from its footprint's centre (cells), and the pixel's q.
+    """For one slot: the lens of each voxel, where the voxel lies from its footprint's centre (cells), and the pixel's
+    q.
 
     ``lens`` is the flat index or, outside the block of lenses, one past the last; ``inside`` 1 or 0.
     """
@@ -93,7 +94,8 @@ def slot_shares(geo, plane, rule, rim, share, count, lens, x, y, qx, qy, inside,
 
 @kernel
 def block_begin(geo, plane, m, n, count, column, row, cx, cy, j_of, high):
-    """Voxels of a block in cells from lens (0, 0), seen through the view's nominal portion, and their first row of lenses."""
+    """Voxels of a block in cells from lens (0, 0), seen through the view's nominal portion, and their first row of
+    lenses."""
     spacing = plane.pitch * geo.row
     for k in range(count):
         ax = plane.cell_x * (geo.x0 + F(column[k])) + plane.move * m - plane.origin_x
@@ -112,7 +114,8 @@ def block_columns(geo, plane, count, cx, j_of, dj, wide, first_i):
 
 @kernel
 def fill_block(plane_end, start, row, ny, row_start, column, block_column, block_row):
-    """The next block of listed voxels of a plane from voxel ``start`` in ``row``; returns their number and the row reached."""
+    """The next block of listed voxels of a plane from voxel ``start`` in ``row``; returns their number and the row
+    reached."""
     count = 0
     while count < BLOCK and start + count < plane_end:
         while row_start[row + 1] <= start + count:

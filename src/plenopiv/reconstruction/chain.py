@@ -14,6 +14,8 @@ from plenopiv.reconstruction.mart import Progress, mart
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.volume import SparseVolume
 
+CLEARLY = 2.0  # thresholds: noise alone does not reach so high
+FEWEST_LIT = 1e-4  # share of such pixels below which a frame counts as empty
 FAINTEST = 0.05  # counts: a voxel that gives less than this in each of its pixels is left out
 
 
@@ -21,7 +23,8 @@ FAINTEST = 0.05  # counts: a voxel that gives less than this in each of its pixe
 class Reconstruction:
     """A reconstructed volume and how it was reached.
 
-    ``threshold`` counts; ``candidates`` the share of voxels that DRT left; ``residuals`` RMS in counts met by each round.
+    ``threshold`` counts; ``candidates`` the share of voxels that DRT left; ``residuals`` RMS in counts met by each
+    round.
     """
 
     volume: SparseVolume
@@ -45,9 +48,10 @@ def reconstruct(
     """
     threshold = lit_threshold(lightfield) if settings.threshold is None else settings.threshold
     lit = lightfield.values > threshold
-    if np.count_nonzero(lit) < 1e-4 * np.count_nonzero(lightfield.layout.seen):
+    clearly_lit = np.count_nonzero(lightfield.values > CLEARLY * threshold)
+    if clearly_lit < FEWEST_LIT * np.count_nonzero(lightfield.layout.seen):
         raise PlenoPIVError(
-            f"{name}: no particles: fewer than 0.01 % of its pixels are above {threshold:.0f} counts over the black level; "
+            f"{name}: no particles: hardly a pixel is {CLEARLY * threshold:.0f} counts above the black level; "
             "check the exposure, sensor.black_level and reconstruction.threshold"
         )
     if settings.method == "drt-mart":

@@ -1,7 +1,7 @@
 """MART, one view at a time (paper, section 3; Elsinga et al. 2006, Eq. 3).
 
-MART multiplies each voxel by (I / (w E))^(mu w) for one pixel after the other. The pixels of one *view* look through one
-portion of the main lens, and a voxel's light in a view reaches only the microlenses around one point. Where it
+MART multiplies each voxel by (I / (w E))^(mu w) for one pixel after the other. The pixels of one *view* look through
+one portion of the main lens, and a voxel's light in a view reaches only the microlenses around one point. Where it
 reaches a single one, no two pixels of the view share a voxel, and correcting all of them at once is pixel-by-pixel
 MART exactly. Where the light is split among neighbours, the voxel takes the share-weighted mean of their corrections,
 

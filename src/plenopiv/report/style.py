@@ -24,7 +24,7 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; max-width
 th, td { text-align: left; padding: .25rem 1.5rem .25rem 0; border-bottom: 1px solid var(--line); vertical-align: top;
          font-weight: 400; overflow-wrap: anywhere; }
 thead th, thead td { color: var(--soft); font-size: .8rem; }
-tbody th { font-family: ui-monospace, "DejaVu Sans Mono", monospace; font-size: .87rem; }
+tbody th { white-space: nowrap; font-family: ui-monospace, "DejaVu Sans Mono", monospace; font-size: .87rem; }
 .bar { width: 16rem; vertical-align: middle; }
 .bar i { display: block; height: .55rem; background: var(--accent); border-radius: 2px; }
 .warnings { background: var(--warn); border-left: 4px solid var(--warn-line); border-radius: 4px;

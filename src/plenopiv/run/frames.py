@@ -112,10 +112,11 @@ def run(
 
         image, before = reconstructed(0)
         crops, views = raw_crops(image, camera, recording.frame_paths[0].name), projections(before.volume)
-        frames, fields = [_frame_summary(before)], []
+        names = [path.name for path in recording.frame_paths]
+        frames, fields = {names[0]: _frame_summary(before)}, []
         for k in range(1, len(recording)):
             _, after = reconstructed(k)
-            frames.append(_frame_summary(after))
+            frames[names[k]] = _frame_summary(after)
             with clock("correlation"):
                 field = measure(before.volume, after.volume, experiment.correlation.settings(), report)
             dt_s = recording.dt_s
@@ -126,7 +127,7 @@ def run(
         summary = {
             "plenopiv": plenopiv.__version__,
             "experiment": experiment.path.name,
-            "frames": [path.name for path in recording.frame_paths],
+            "frames": names,
             "calibration": calibration,
             "voxels": projector.grid.size,
             "reconstruction": frames,

@@ -13,7 +13,8 @@ BASE = 350e6  # interpreter, libraries and compiled kernels, bytes
 
 @dataclass(frozen=True)
 class MemoryEstimate:
-    """Bytes by what needs them; ``peak`` is their sum, as they are all alive while the second frame is reconstructed."""
+    """Bytes by what needs them; ``peak`` is their sum, as they are all alive while the second frame is
+    reconstructed."""
 
     images: float
     light_field: float

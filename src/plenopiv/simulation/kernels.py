@@ -9,14 +9,16 @@ from __future__ import annotations
 from math import cos, floor, log, pi, sin, sqrt
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from plenopiv.kernels import plain_kernel, plain_parallel_kernel
 
 GOLDEN = (sqrt(5.0) - 1.0) / 2.0
 HEXAGONAL_ROW = sqrt(3.0) / 2.0
 LARGEST_DEVIATE = 8.6  # of _normal_pair: sqrt(-2 log 2^-53)
 
 
-@njit(cache=True)
+@plain_kernel
 def mix(seed, counter):
     """64 random bits of a counter (splitmix64; Steele, Lea & Flood 2014)."""
     z = np.uint64(seed) + (np.uint64(counter) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
@@ -25,13 +27,13 @@ def mix(seed, counter):
     return z ^ (z >> np.uint64(31))
 
 
-@njit(cache=True)
+@plain_kernel
 def _uniform(seed, counter):
     """A number in [0, 1) for a counter."""
     return float(mix(seed, counter) >> np.uint64(11)) * 1.1102230246251565e-16
 
 
-@njit(cache=True)
+@plain_kernel
 def _normal_pair(seed, counter):
     """Two standard normal deviates (Box-Muller)."""
     r = sqrt(-2.0 * log(1.0 - _uniform(seed, counter)))
@@ -39,7 +41,7 @@ def _normal_pair(seed, counter):
     return r * cos(angle), r * sin(angle)
 
 
-@njit(cache=True)
+@plain_kernel
 def nearest_lens(a, b, hexagonal):
     """Centre, in pitches from lens (0, 0), of the lens whose cell holds the lattice coordinates (a, b).
 
@@ -57,7 +59,7 @@ def nearest_lens(a, b, hexagonal):
     return k, (below + 1.0) * HEXAGONAL_ROW
 
 
-@njit(cache=True, parallel=True)
+@plain_parallel_kernel
 def trace_items(
     particle,  # int64 (items,): which particle
     first_ray,  # int64 (items,)
@@ -126,7 +128,7 @@ def trace_items(
                 patches[base + row * cols + column] += weight[p]
 
 
-@njit(cache=True, parallel=True)
+@plain_parallel_kernel
 def add_patches(image, window, start, patches):
     """Add patches to the image (rows, columns) in item order."""
     for row in prange(image.shape[0]):
@@ -138,7 +140,7 @@ def add_patches(image, window, start, patches):
                     image[row, col_lo + k] += patches[at + k]
 
 
-@njit(cache=True)
+@plain_kernel
 def _corner_area(x, y, radius):
     """Area of the part of a disc about the origin with 0 < coordinates < (x, y); odd in x and in y."""
     sign = (1.0 if x > 0 else -1.0) * (1.0 if y > 0 else -1.0)
@@ -152,7 +154,7 @@ def _corner_area(x, y, radius):
     return sign * area
 
 
-@njit(cache=True)
+@plain_kernel
 def disc_in_pixel(dx, dy, radius):
     """Share of a unit pixel that a disc centred (dx, dy) pixels away from the pixel's centre covers; exact."""
     x0, x1, y0, y1 = -dx - 0.5, -dx + 0.5, -dy - 0.5, -dy + 0.5
@@ -164,7 +166,7 @@ def disc_in_pixel(dx, dy, radius):
     )
 
 
-@njit(cache=True, parallel=True)
+@plain_parallel_kernel
 def aperture_images(
     image, radius_px, hexagonal, pitch_px, rotation_rad, offset_s_px, offset_t_px, column0, row0
 ):  # fmt: skip

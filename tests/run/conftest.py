@@ -1,0 +1,47 @@
+"""A small simulated recording, its run, and the truth."""
+
+import shutil
+
+import pytest
+
+from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
+from plenopiv.experiment import Experiment
+from plenopiv.lattice import Lattice
+from plenopiv.sensor import Sensor
+from plenopiv.simulation.flows import flow
+from plenopiv.simulation.recording import simulate_recording
+
+VELOCITY_M_S = (0.11, -0.06, 0.17)  # 3.2, -1.8 and 1.1 voxels in 0.5 ms: another size and sign on each axis
+
+
+def camera(columns=420, rows=380):
+    return PlenopticCamera(
+        MainLens(50.0, 25.0, -1.0),
+        Lattice("hexagonal", 0.077, 0.004, (0.011, -0.023)),
+        0.308,
+        Sensor(columns, rows, 0.0055, 12, 60),
+    )
+
+
+def record(folder, **options):
+    settings = {
+        "dt_s": 0.0005,
+        "volume_mm": ((-0.75, 0.75), (-0.65, 0.65), (-1.6, 1.6)),
+        "windows": ((48, 48, 20), (32, 32, 16)),
+        "rays": 4000,
+        "seed": 3,
+    }
+    return simulate_recording(folder, camera(), flow("uniform", velocity_m_s=VELOCITY_M_S), **settings | options)
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory):
+    """The folder of an upright recording of a uniform flow."""
+    return record(tmp_path_factory.mktemp("upright") / "recording").directory
+
+
+@pytest.fixture
+def experiment(recorded, tmp_path):
+    """The same in a folder of its own."""
+    shutil.copytree(recorded, tmp_path / "recording")
+    return Experiment.load(tmp_path / "recording" / "experiment.toml")

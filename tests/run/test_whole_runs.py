@@ -1,0 +1,124 @@
+"""From raw images to velocity.nc and report: signs, units, files, refusals."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import tifffile
+import xarray as xr
+from conftest import VELOCITY_M_S, record
+
+import plenopiv
+from plenopiv.cli import main
+from plenopiv.errors import PlenoPIVError
+from plenopiv.experiment import Experiment
+
+VOXEL_M_S = np.array([0.0171428571, 0.0171428571, 0.077]) * 1e-3 / 0.0005
+
+
+def middle_error_voxels(velocity):
+    """Median error of a field in voxels, by axis."""
+    measured = np.array([float(velocity[name].median()) for name in "uvw"])
+    return (measured - VELOCITY_M_S) / VOXEL_M_S
+
+
+@pytest.mark.parametrize("orientation", ["upright", "sensor"])
+def test_signs_and_units_from_particle_to_velocity(recorded, tmp_path, orientation):
+    folder = tmp_path / "recording"
+    if orientation == "upright":
+        shutil.copytree(recorded, folder)
+    else:
+        record(folder, orientation="sensor")
+        turned = tifffile.imread(folder / "a.tif")[::-1, ::-1]
+        assert np.corrcoef(turned.ravel(), tifffile.imread(recorded / "a.tif").ravel())[0, 1] > 0.9
+    result = plenopiv.process(plenopiv.load(folder / "experiment.toml"))
+    assert np.abs(middle_error_voxels(result.velocity)) == pytest.approx([0, 0, 0], abs=0.1)
+    with xr.open_dataset(folder / "results" / "velocity.nc", engine="h5netcdf") as stored:
+        assert stored.u.dims == ("time", "z", "y", "x")
+        assert stored.u.units == "m s-1"
+        assert stored.x.units == "mm"
+        assert float(stored.time.values[0]) == pytest.approx(0.00025)
+        assert all((np.diff(stored[axis]) > 0).all() for axis in "xyz")
+        assert middle_error_voxels(stored) == pytest.approx(middle_error_voxels(result.velocity))
+
+
+def test_the_results_folder(experiment, capsys):
+    assert main(["run", str(experiment.path)]) == 0
+    said = capsys.readouterr()
+    assert "memory: about" in said.err
+    folder = experiment.output_directory
+    assert {path.name for path in folder.iterdir()} == {"velocity.nc", "summary.json", "experiment.toml", "report.html"}
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["calibration"]["residual_px"] < 0.05
+    assert summary["reconstruction"]["a.tif"]["candidate_share"] < 0.5
+    assert len(summary["reconstruction"]["b.tif"]["residual_counts_by_round"]) == experiment.reconstruction.iterations
+    resolved = Experiment.load(folder / "experiment.toml")
+    assert resolved.grid() == experiment.grid()
+    assert "<img" in (folder / "report.html").read_text()
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    assert main(["run", str(experiment.path)]) == 2
+    said = capsys.readouterr()
+    assert "--overwrite" in said.err
+    assert said.err.count("\n") == 1
+    assert before == {path: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_three_frames_make_two_times(experiment):
+    shutil.copy(experiment.folder / "a.tif", experiment.folder / "c.tif")
+    tables = experiment.model_dump(mode="json", by_alias=True, exclude_none=True)
+    tables["recording"]["frames"] = ["a.tif", "b.tif", "c.tif"]
+    tables["reconstruction"]["iterations"] = 2
+    velocity = Experiment.from_dict(tables, experiment.path)
+    field = plenopiv.process(velocity).velocity
+    assert field.time.values == pytest.approx([0.00025, 0.00075])
+    there, back = (np.array([float(field[n].isel(time=k).median()) for n in "uvw"]) for k in (0, 1))
+    assert there / VOXEL_M_S == pytest.approx(-back / VOXEL_M_S, abs=0.1)
+
+
+def test_an_exposure_without_particles_is_named_and_nothing_is_written(experiment, capsys):
+    rng = np.random.default_rng(0)
+    dark = rng.normal(60, 1.5, tifffile.imread(experiment.folder / "b.tif").shape)
+    tifffile.imwrite(experiment.folder / "b.tif", np.clip(np.rint(dark), 0, 4095).astype(np.uint16))
+    assert main(["run", str(experiment.path)]) == 2
+    error = capsys.readouterr().err.strip().split("\n")[-1]
+    assert error.startswith("plenopiv: error: b.tif: no particles")
+    assert not experiment.output_directory.exists()
+
+
+def test_saturated_frames_and_large_displacements_are_warned_about_and_kept(experiment):
+    image = tifffile.imread(experiment.folder / "a.tif")
+    bright = np.where(image > np.percentile(image, 99), 4095, image).astype(np.uint16)
+    tifffile.imwrite(experiment.folder / "a.tif", bright)
+    with pytest.warns(plenopiv.PlenoPIVWarning, match="saturated"):
+        result = plenopiv.process(experiment)
+    assert any("saturated" in line and "%" in line for line in result.summary["warnings"])
+
+
+def test_full_mart_agrees_with_drt_mart(experiment):
+    tables = experiment.model_dump(mode="json", by_alias=True, exclude_none=True)
+    tables["reconstruction"] |= {"method": "mart", "iterations": 3, "relaxation": 1.0}
+    tables["output"]["directory"] = "full"
+    result = plenopiv.process(Experiment.from_dict(tables, experiment.path))
+    assert result.summary["reconstruction"]["a.tif"]["candidate_share"] == 1.0
+    assert np.abs(middle_error_voxels(result.velocity)) == pytest.approx([0, 0, 0], abs=0.1)
+
+
+def test_a_score_reaches_the_report(experiment):
+    result = plenopiv.process(experiment, score=lambda velocity: {"largest w (m/s)": float(velocity.w.max())})
+    assert "largest w (m/s)" in (result.directory / "report.html").read_text()
+
+
+def test_an_interrupted_run_leaves_nothing(experiment):
+    def stop(stage, done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        plenopiv.process(experiment, progress=stop)
+    assert not experiment.output_directory.exists()
+
+
+def test_a_dark_frame_fails_before_its_neighbour_is_worked_on(experiment):
+    (experiment.folder / "b.tif").unlink()
+    with pytest.raises(PlenoPIVError, match=r"b\.tif"):
+        plenopiv.process(experiment, progress=lambda *_: pytest.fail("work began"))
