@@ -11,8 +11,8 @@ The rotation is counter-clockwise in (s, t) about lens (0, 0), which sits at ``o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import cos, sin, sqrt
+from dataclasses import dataclass, replace
+from math import cos, pi, sin, sqrt
 from typing import Literal
 
 import numpy as np
@@ -41,6 +41,20 @@ class Lattice:
     def cell_area_mm2(self) -> float:
         """Area of the microlens plane that one lens covers."""
         return CELL_AREA[self.kind] * self.pitch_mm**2
+
+    @property
+    def turn_rad(self) -> float:
+        """Angle between the rows and the nearer axis of the sensor, -pi/4 to pi/4."""
+        return self.rotation_rad - pi / 2 * round(self.rotation_rad / (pi / 2))
+
+    def aligned(self) -> Lattice:
+        """The same lenses, numbered along the rows that are nearest to an axis of the sensor.
+
+        A hexagonal lattice looks the same turned by 60 degrees: its rows are within 15 degrees of s or of t.
+        """
+        step = pi / 2 if self.kind == "square" else pi / 3
+        same = [replace(self, rotation_rad=self.rotation_rad + k * step) for k in (0, 1, -1, 2, -2, 3, -3)]
+        return min(same, key=lambda lattice: (round(abs(lattice.turn_rad), 9), abs(lattice.rotation_rad)))
 
     def centres(self, i: ArrayLike, j: ArrayLike) -> tuple[NDArray, NDArray]:
         """Centres (s, t) in mm of lenses (i, j); any broadcastable integer arrays."""

@@ -12,16 +12,19 @@ on the main lens, in the object's x and y (see ``projection``). Counts and their
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
-from math import cos, sin
+from math import cos, degrees, radians, sin
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.errors import PlenoPIVWarning
 
 LIT_SHARE = 0.5  # a pixel less lit by its own lens than this is no equation of the light field
-FOREIGN_SHARE = 0.08  # nor is one that a neighbouring lens lights by more than this
+LARGEST_TURN_RAD = radians(6.0)  # beyond this the projector's weights are off by more than 1 %
+FOREIGN_SHARE = 0.001  # nor is one that a neighbouring lens lights by more than this
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,15 @@ def wrapped(ticks: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def layout(camera: PlenopticCamera) -> Layout:
     """Assign the raw pixels of ``camera`` (with its calibrated lattice) to views and lenses."""
+    camera = camera.with_lattice(camera.lattice.aligned())
     sensor, lattice = camera.sensor, camera.lattice
+    if abs(lattice.turn_rad) > LARGEST_TURN_RAD:
+        warnings.warn(
+            f"the rows of microlenses are turned by {degrees(lattice.turn_rad):.1f} degrees against the pixels: weights "
+            "are wrong by a few percent; turn the microlens array",
+            PlenoPIVWarning,
+            stacklevel=2,
+        )
     e, radius = camera.image_scale, camera.aperture_radius_px
     reach = int(np.ceil(min(radius, 0.5 * camera.image_pitch_px * 1.1)))
     corner_s, corner_t = sensor.plane_from_pixel(
@@ -138,6 +149,7 @@ def layout(camera: PlenopticCamera) -> Layout:
     near = np.hypot(np.maximum(np.abs(m) - 0.5, 0), np.maximum(np.abs(n) - 0.5, 0))
     offsets = np.stack([m, n], -1)[near < radius].astype(np.int32)
     neighbours = _neighbour_offsets_px(camera)
+    drift = 1.2 * camera.lattice.pitch_mm / camera.portion_mm  # px that the disc moves with a point under its lens
     fill = np.empty((len(offsets), len(pixel)), np.float32)
     seen = np.empty(fill.shape, bool)
     for v, (m, n) in enumerate(offsets):
@@ -146,7 +158,7 @@ def layout(camera: PlenopticCamera) -> Layout:
         column, row = pixel[:, 0] + m, pixel[:, 1] + n
         seen[v] = (column >= 0) & (column < sensor.columns) & (row >= 0) & (row < sensor.rows) & (fill[v] >= LIT_SHARE)
         if np.hypot(m, n) > camera.image_pitch_px - radius - 1.5:
-            foreign = sum(disc_share(x - dx, y - dy, radius, 8) for dx, dy in neighbours)
+            foreign = sum(disc_share(x - dx, y - dy, radius + drift, 8) for dx, dy in neighbours)
             seen[v] &= foreign <= FOREIGN_SHARE
     keep = seen.any(1)
     return Layout(camera, i0, j0, i1 - i0 + 1, j1 - j0 + 1, offsets[keep], pixel, phase, clock, fill[keep], seen[keep])

@@ -6,13 +6,13 @@ says what that one sends it. Nothing here uses the projector's coordinates ("cel
 
 from __future__ import annotations
 
+import itertools
 from math import asin, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.lightfield import Layout
-import itertools
 
 Polygon = list[tuple[float, float]]
 

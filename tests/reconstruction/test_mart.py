@@ -1,5 +1,7 @@
 """MART's fixed point and signs, on data that the projector made and on noise."""
 
+import itertools
+
 import numba
 import numpy as np
 import pytest
@@ -9,7 +11,6 @@ from plenopiv.lightfield import layout
 from plenopiv.projection.projector import Projector
 from plenopiv.reconstruction.mart import mart
 from plenopiv.volume import SparseVolume, VoxelGrid
-import itertools
 
 GRID = VoxelGrid.covering((-0.3, 0.3), (-0.25, 0.25), (-1.6, 1.6), (0.044, 0.044, 0.132))
 PROJECTORS = {}

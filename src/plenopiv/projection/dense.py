@@ -64,7 +64,7 @@ def footprint_of(geo, plane, rule, s, t, qx, qy):
     """Where a pixel's light comes from in a plane: centre and half widths (voxels, x and y) of the box around it."""
     cx = plane.voxel_s * s + plane.step_x * qx - geo.x0
     cy = plane.voxel_t * t + plane.step_y * qy - geo.y0
-    half = plane.half if rule == EXACT else F(0.70) * plane.half
+    half = plane.half if rule == EXACT else F(0.67) * plane.half * (abs(geo.cos) + abs(geo.sin))
     wide, high = (F(0.5), TIP) if geo.hexagonal else (F(0.5), F(0.5))
     c, s = abs(geo.cos), abs(geo.sin)
     reach_x = (c * (wide + half) + s * (high + half)) / abs(plane.cell_x)

@@ -7,11 +7,11 @@ centre S (1 + e) is thus reached by u = (q + B x - S) / (1 - A), and that ray li
     A q + B x - S   is in the microlens' cell scaled by (1 - A).
 
 With lengths in *cells*, pitches divided by (1 - A), what a pixel receives of a voxel is the area that its square of
-side |A| portion / ((1 - A) pitch) shares with a cell of unit size: exact for every lattice and depth. The square is
-taken parallel to the lattice's rows; for a lattice turned by a few degrees that changes no weight by more than 1e-3.
+side |A| portion / ((1 - A) pitch) shares with a cell of unit size: exact for every lattice and depth. A lattice turned by
+a few degrees against the pixels is taken to first order in the angle (``pixels.patch_area``).
 
-At the aperture's rim the pixel is cut by the disc |u| <= P_m/2: in pixels of q, radius (1 - A) R around (S - B
-x)/portion.
+At the aperture's rim the pixel is cut by the disc |u| <= P_m/2: in pixels of q, one of radius (1 - A) R around
+(S - B x)/portion.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.volume import VoxelGrid
 
-SMALLEST = 0.004  # half side of a pixel's square, cells: float32 does not resolve the area of a smaller one
+SMALLEST = 0.01  # half side of a pixel's square, cells: float32 does not resolve the area of a smaller one
 
 
 class Plane(NamedTuple):
@@ -80,6 +80,8 @@ class Rows(NamedTuple):
     radius: np.float32  # of the aperture, pixels of q
     cos: np.float32
     sin: np.float32
+    turn: np.float32  # sine of the angle between the lattice's rows and the nearer axis of the sensor
+    swapped: bool  # that axis is t: rows run along y
     row: np.float32  # row spacing of the lattice in pitches
     x0: np.float32  # first voxel centre in voxels from the axis: x0 / dx
     y0: np.float32
@@ -93,6 +95,8 @@ def rows(camera: PlenopticCamera, grid: VoxelGrid) -> Rows:
         f(camera.aperture_radius_px),
         f(cos(lattice.rotation_rad)),
         f(sin(lattice.rotation_rad)),
+        f(sin(lattice.turn_rad)),
+        bool(round(lattice.rotation_rad / (pi / 2)) % 2),
         f(lattice.row_spacing),
         f(grid.first_mm[0] / grid.voxel_mm[0]),
         f(grid.first_mm[1] / grid.voxel_mm[1]),

@@ -13,10 +13,11 @@ import numpy as np
 
 from plenopiv.kernels import inlined, kernel
 from plenopiv.projection import footprint
+from plenopiv.projection.footprint import TIP
 from plenopiv.projection.geometry import Plane
 
 ONE_RAY, NINE_RAYS, EXACT = 0, 1, 2
-STRIPS = 4
+STRIPS = 6
 F = np.float32
 
 footprint.corner = inlined(footprint.corner)
@@ -42,7 +43,15 @@ def floor_of(x):
 
 @inlined
 def patch_area(geo, x, y, half_x, half_y):
-    """Area of a patch centred at (x, y) cells in the microlens' cell."""
+    """Area of a patch centred at (x, y) cells in the microlens' cell.
+
+    The patch is turned against the lattice by the rotation: its sides are where a turned one's are at the middle of what
+    it shares with the cell.
+    """
+    high = TIP if geo.hexagonal else F(0.5)
+    across = F(0.5) * (max(y - half_y, -high) + min(y + half_y, high)) - y
+    along = F(0.5) * (max(x - half_x, F(-0.5)) + min(x + half_x, F(0.5))) - x
+    x, y = x + geo.turn * across, y - geo.turn * along
     return rectangle_in_hexagon(x, y, half_x, half_y) if geo.hexagonal else rectangle_in_square(x, y, half_x, half_y)
 
 
@@ -56,8 +65,8 @@ def pixel_share(geo, plane, x, y):
 def strip_share(geo, plane, qx, qy, k, x, y):
     """The same for strip k of the lit part of a pixel at q that the aperture's rim may cut.
 
-    The strip's length is that for a voxel at the footprint's centre; off it the aperture's disc has moved by ``drift``
-    pixels per cell, and to first order the strip grows or shrinks with it.
+    The strip runs from the pixel's inner side to where the rim cuts the strip's middle. For a voxel off the footprint's
+    centre the aperture's disc has moved by ``drift`` pixels per cell.
     """
     along_x = abs(qx) > abs(qy)  # strips run towards the rim, along u
     u, v = abs(qx) if along_x else abs(qy), qy if along_x else qx
@@ -65,19 +74,19 @@ def strip_share(geo, plane, qx, qy, k, x, y):
     radius2 = geo.radius * geo.radius
     reach = sqrt(max(radius2 - v * v, F(0.01)))
     dv = F(k) / F(STRIPS) + F(0.5 / STRIPS - 0.5)
-    # off focus the rim moves towards the pixel's centre by A times its distance
+    # off focus the rim moves towards the pixel's centre by A times its distance, and with the voxel by ``drift``
     edge = sqrt(max(radius2 - (v + dv) * (v + dv), F(0.01))) - u - plane.spread * (reach - u)
-    edge = max(min(edge, F(0.5)), F(-0.499))
+    off_u, off_v = plane.drift * (geo.cos * x - geo.sin * y), plane.drift * (geo.cos * y + geo.sin * x)
+    edge -= outward * (off_u if along_x else off_v) + v / reach * (off_v if along_x else off_u)
+    edge = max(min(edge, F(0.5)), F(-0.5))
     length = edge + F(0.5)
     du = outward * F(0.5) * (edge - F(0.5))
     dx, dy = du if along_x else dv, dv if along_x else du
-    hx, hy = length if along_x else F(1.0 / STRIPS), F(1.0 / STRIPS) if along_x else length
-    off_u, off_v = plane.drift * (geo.cos * x - geo.sin * y), plane.drift * (geo.cos * y + geo.sin * x)
-    shift = outward * (off_u if along_x else off_v) + v / reach * (off_v if along_x else off_u)
-    grown = (F(1) - shift / length) if edge < F(0.5) else F(1)
-    lit = F(0.25) / (plane.half * plane.half) if edge > F(-0.499) else F(0)
+    along_rows = along_x != geo.swapped
+    hx, hy = length if along_rows else F(1.0 / STRIPS), F(1.0 / STRIPS) if along_rows else length
     px, py = plane.move * (geo.cos * dx + geo.sin * dy), plane.move * (geo.cos * dy - geo.sin * dx)
-    return lit * max(grown, F(0)) * patch_area(geo, x + px, y + py, hx * plane.half, hy * plane.half)
+    weight = F(0.25) / (plane.half * plane.half)
+    return weight * patch_area(geo, x + px, y + py, hx * plane.half, hy * plane.half)
 
 
 @inlined

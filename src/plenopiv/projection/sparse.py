@@ -36,7 +36,7 @@ PX = F(2.0**-32)  # of the clock's ticks
 @kernel
 def window_of(geo, plane, rule):
     """The window of lenses around a voxel: its half widths in cells along and across rows, its lenses and rows."""
-    half = plane.half if rule == EXACT else F(0.70) * plane.half
+    half = plane.half if rule == EXACT else F(0.67) * plane.half * (abs(geo.cos) + abs(geo.sin))
     moved = F(0.5) * abs(plane.move) * (abs(geo.cos) + abs(geo.sin))  # what a phase of half a pixel can move
     wide = F(0.5) + half + moved
     high = (TIP if geo.hexagonal else F(0.5)) + half + moved
