@@ -33,7 +33,8 @@ def rectangle_in_hexagon(x, y, half_x, half_y):
     """
     x1, x2 = min(max(x - half_x, -HALF), HALF), min(max(x + half_x, -HALF), HALF)
     y1, y2 = min(max(y - half_y, -TIP), TIP), min(max(y + half_y, -TIP), TIP)
-    return (x2 - x1) * (y2 - y1) - (corner(x2, y2) - corner(x1, y2) - corner(x2, y1) + corner(x1, y1))
+    corners = corner(x2, y2) - corner(x1, y2) - corner(x2, y1) + corner(x1, y1)
+    return max((x2 - x1) * (y2 - y1) - corners, ZERO)  # rounding may leave less than nothing
 
 
 def rectangle_in_square(x, y, half_x, half_y):
