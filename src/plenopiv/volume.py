@@ -108,6 +108,12 @@ class SparseVolume:
         """The same voxels with other intensities."""
         return SparseVolume(self.grid, self.row_start, self.column, values)
 
+    def with_planes_scaled(self, factor: NDArray[np.float32]) -> SparseVolume:
+        """The same voxels, those of plane k times ``factor[k]`` (nz,)."""
+        ny = self.grid.shape[1]
+        listed = np.diff(self.row_start[::ny])
+        return self.with_values(self.values * np.repeat(factor.astype(np.float32), listed))
+
     def keeping(self, keep: NDArray[np.bool_]) -> SparseVolume:
         """Only the listed voxels where ``keep`` (one entry a listed voxel) is True."""
         count = np.concatenate([[0], np.cumsum(keep)]).astype(np.int64)

@@ -132,7 +132,7 @@ def score_velocity(
     raw = values("_raw") if "u_raw" in field else None
     has_point = np.isfinite(point).all(1).mean() > POINT_SHARE
     std = values("_std") if "u_std" in field else None
-    off = np.where(np.isfinite(final).all(1)[:, None], np.abs(final - window), np.inf)
+    off = np.where(np.isfinite(final).all(axis=1, keepdims=True), np.abs(final - window), np.inf)
     grid = _points(*(np.arange(first, last + 1e-9, step) for first, last, step in zip(lo, hi, half, strict=True)))
     return Score(
         vectors=len(chosen),

@@ -157,6 +157,7 @@ class ReconstructionTable(Table):
     weights: Weights = ReconstructionSettings.weights
     threshold: NotNegative | None = None
     tolerance_px: NotNegative = ReconstructionSettings.tolerance_px
+    focus_reach: NotNegative = ReconstructionSettings.focus_reach
     seed: Annotated[int, Field(ge=0)] = ReconstructionSettings.seed
 
     def settings(self) -> ReconstructionSettings:

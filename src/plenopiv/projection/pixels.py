@@ -17,7 +17,7 @@ from plenopiv.projection.footprint import TIP
 from plenopiv.projection.geometry import Plane
 
 ONE_RAY, NINE_RAYS, EXACT = 0, 1, 2
-STRIPS = 6
+STRIPS = 6  # spelt out in rim_share, so that what they share is worked out once
 F = np.float32
 
 footprint.corner = inlined(footprint.corner)
@@ -62,31 +62,42 @@ def pixel_share(geo, plane, x, y):
 
 
 @inlined
-def strip_share(geo, plane, qx, qy, k, x, y):
-    """The same for strip k of the lit part of a pixel at q that the aperture's rim may cut.
+def strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, dv):
+    """Area in the cell of the strip at ``dv`` px from the pixel's middle; it ends at the rim, ``base`` px further in."""
+    edge = sqrt(max(radius2 - (v + dv) * (v + dv), F(0.01))) - base
+    edge = max(min(edge, F(0.5)), F(-0.5))
+    du = outward * F(0.5) * (edge - F(0.5))
+    dx, dy = du if along_x else dv, dv if along_x else du
+    half_u, half_v = (edge + F(0.5)) * plane.half, F(1.0 / STRIPS) * plane.half
+    hx, hy = half_u if along_rows else half_v, half_v if along_rows else half_u
+    px, py = plane.move * (geo.cos * dx + geo.sin * dy), plane.move * (geo.cos * dy - geo.sin * dx)
+    return patch_area(geo, x + px, y + py, hx, hy)
 
-    The strip runs from the pixel's inner side to where the rim cuts the strip's middle. For a voxel off the footprint's
-    centre the aperture's disc has moved by ``drift`` pixels per cell.
+
+@inlined
+def rim_share(geo, plane, qx, qy, x, y):
+    """The same for a pixel at q that the aperture's rim may cut, in six strips that run towards the rim.
+
+    A strip runs from the pixel's inner side to where the rim cuts the strip's middle. Off focus the rim moves towards
+    the pixel's centre by A times its distance; for a voxel off the footprint's centre the aperture's disc has moved by
+    ``drift`` pixels per cell.
     """
-    along_x = abs(qx) > abs(qy)  # strips run towards the rim, along u
+    along_x = abs(qx) > abs(qy)  # u runs towards the rim, v along it
+    along_rows = along_x != geo.swapped
     u, v = abs(qx) if along_x else abs(qy), qy if along_x else qx
     outward = F(1) if (qx if along_x else qy) > F(0) else F(-1)
     radius2 = geo.radius * geo.radius
     reach = sqrt(max(radius2 - v * v, F(0.01)))
-    dv = F(k) / F(STRIPS) + F(0.5 / STRIPS - 0.5)
-    # off focus the rim moves towards the pixel's centre by A times its distance, and with the voxel by ``drift``
-    edge = sqrt(max(radius2 - (v + dv) * (v + dv), F(0.01))) - u - plane.spread * (reach - u)
-    off_u, off_v = plane.drift * (geo.cos * x - geo.sin * y), plane.drift * (geo.cos * y + geo.sin * x)
-    edge -= outward * (off_u if along_x else off_v) + v / reach * (off_v if along_x else off_u)
-    edge = max(min(edge, F(0.5)), F(-0.5))
-    length = edge + F(0.5)
-    du = outward * F(0.5) * (edge - F(0.5))
-    dx, dy = du if along_x else dv, dv if along_x else du
-    along_rows = along_x != geo.swapped
-    hx, hy = length if along_rows else F(1.0 / STRIPS), F(1.0 / STRIPS) if along_rows else length
-    px, py = plane.move * (geo.cos * dx + geo.sin * dy), plane.move * (geo.cos * dy - geo.sin * dx)
-    weight = F(0.25) / (plane.half * plane.half)
-    return weight * patch_area(geo, x + px, y + py, hx * plane.half, hy * plane.half)
+    off_x, off_y = plane.drift * (geo.cos * x - geo.sin * y), plane.drift * (geo.cos * y + geo.sin * x)
+    off_u, off_v = off_x if along_x else off_y, off_y if along_x else off_x
+    base = u + plane.spread * (reach - u) + outward * off_u + v / reach * off_v
+    total = strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, F(-2.5 / STRIPS))
+    total += strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, F(-1.5 / STRIPS))
+    total += strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, F(-0.5 / STRIPS))
+    total += strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, F(0.5 / STRIPS))
+    total += strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, F(1.5 / STRIPS))
+    total += strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, F(2.5 / STRIPS))
+    return total * (F(0.25) / (plane.half * plane.half))
 
 
 @inlined

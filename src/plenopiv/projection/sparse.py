@@ -19,13 +19,12 @@ from plenopiv.projection.footprint import TIP
 from plenopiv.projection.pixels import (
     EXACT,
     ONE_RAY,
-    STRIPS,
     floor_of,
     pixel_share,
     plane_of,
     ray_inside,
     ray_share,
-    strip_share,
+    rim_share,
 )
 
 BLOCK = 128  # voxels worked on at once
@@ -80,10 +79,7 @@ def slot_shares(geo, plane, rule, rim, share, count, lens, x, y, qx, qy, inside,
             weight[k] = inside[k] * pixel_share(geo, plane, x[k], y[k])
     elif rule == EXACT:
         for k in range(count):
-            weight[k] = F(0)
-        for strip in range(STRIPS):
-            for k in range(count):
-                weight[k] += inside[k] * strip_share(geo, plane, qx[k], qy[k], strip, x[k], y[k])
+            weight[k] = inside[k] * rim_share(geo, plane, qx[k], qy[k], x[k], y[k])
     else:
         for k in range(count):
             weight[k] = F(0)

@@ -29,6 +29,7 @@ from plenopiv.io.output import OutputFolder
 from plenopiv.lightfield import decode, layout
 from plenopiv.projection.projector import Projector
 from plenopiv.reconstruction.chain import Reconstruction, reconstruct
+from plenopiv.reconstruction.focus import focus_weight
 from plenopiv.recording import Recording
 from plenopiv.report import projections, raw_crops, write_report
 from plenopiv.run.memory import estimate
@@ -92,6 +93,7 @@ def run(
             where = layout(camera)
             projector = Projector(where, experiment.grid(), experiment.reconstruction.weights)
 
+        weight = focus_weight(camera, projector.grid.axes()[2], experiment.reconstruction.focus_reach)
         needed = estimate(camera, projector.grid)
         for k in range(2):  # before long work begins; later frames when their turn comes
             recording.frame(k)
@@ -118,7 +120,8 @@ def run(
             _, after = reconstructed(k)
             frames[names[k]] = _frame_summary(after)
             with clock("correlation"):
-                field = measure(before.volume, after.volume, experiment.correlation.settings(), report)
+                pair = (volume.with_planes_scaled(weight) for volume in (before.volume, after.volume))
+                field = measure(*pair, experiment.correlation.settings(), report)
             dt_s = recording.dt_s
             fields.append(velocity_dataset(field, projector.grid, dt_s, time_s=(k - 0.5) * dt_s))
             before = after
