@@ -118,8 +118,8 @@ def layout(camera: PlenopticCamera) -> Layout:
     sensor, lattice = camera.sensor, camera.lattice
     if abs(lattice.turn_rad) > LARGEST_TURN_RAD:
         warnings.warn(
-            f"the rows of microlenses are turned by {degrees(lattice.turn_rad):.1f} degrees against the pixels: weights "
-            "are wrong by a few percent; turn the microlens array",
+            f"the rows of microlenses are turned by {degrees(lattice.turn_rad):.1f} degrees against the pixels: "
+            "weights are wrong by a few percent; turn the microlens array",
             PlenoPIVWarning,
             stacklevel=2,
         )

@@ -94,7 +94,7 @@ MISTAKES = [
     ("camera.sensor.rows", 1350.0, "must be a whole number"),
     ("camera.sensor.bit_depth", 32, "less than or equal to 16"),
     ("camera.sensor.black_level", 4095, "not below full scale"),
-    ("camera.kind", "pinhole", "must be 'plenoptic'"),
+    ("camera.kind", "pinhole", 'only "plenoptic" is supported'),
     ("recording.frames", ["a.tif"], "recording.frames: 1 frame given; a velocity needs at least two"),
     ("recording.frames", 7, "list of file names"),
     ("recording.frames", ["a.tif", 3], "list of file names"),

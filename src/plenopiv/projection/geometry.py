@@ -7,8 +7,8 @@ centre S (1 + e) is thus reached by u = (q + B x - S) / (1 - A), and that ray li
     A q + B x - S   is in the microlens' cell scaled by (1 - A).
 
 With lengths in *cells*, pitches divided by (1 - A), what a pixel receives of a voxel is the area that its square of
-side |A| portion / ((1 - A) pitch) shares with a cell of unit size: exact for every lattice and depth. A lattice turned by
-a few degrees against the pixels is taken to first order in the angle (``pixels.patch_area``).
+side |A| portion / ((1 - A) pitch) shares with a cell of unit size: exact for every lattice and depth. A lattice turned
+by a few degrees against the pixels is taken to first order in the angle (``pixels.patch_area``).
 
 At the aperture's rim the pixel is cut by the disc |u| <= P_m/2: in pixels of q, one of radius (1 - A) R around
 (S - B x)/portion.

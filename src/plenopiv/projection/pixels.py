@@ -45,8 +45,8 @@ def floor_of(x):
 def patch_area(geo, x, y, half_x, half_y):
     """Area of a patch centred at (x, y) cells in the microlens' cell.
 
-    The patch is turned against the lattice by the rotation: its sides are where a turned one's are at the middle of what
-    it shares with the cell.
+    The patch is turned against the lattice by the rotation: its sides are where a turned one's are at the middle of
+    what it shares with the cell.
     """
     high = TIP if geo.hexagonal else F(0.5)
     across = F(0.5) * (max(y - half_y, -high) + min(y + half_y, high)) - y
@@ -63,7 +63,7 @@ def pixel_share(geo, plane, x, y):
 
 @inlined
 def strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, dv):
-    """Area in the cell of the strip at ``dv`` px from the pixel's middle; it ends at the rim, ``base`` px further in."""
+    """Area in the cell of the strip ``dv`` px from the pixel's middle; it ends at the rim, ``base`` px further in."""
     edge = sqrt(max(radius2 - (v + dv) * (v + dv), F(0.01))) - base
     edge = max(min(edge, F(0.5)), F(-0.5))
     du = outward * F(0.5) * (edge - F(0.5))

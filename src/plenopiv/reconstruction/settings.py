@@ -18,7 +18,7 @@ class ReconstructionSettings:
     ``weights``: light by one centre ray per view, by nine, or by exact areas.
     ``threshold``: counts above which a pixel is lit; None lets the images' noise decide.
     ``tolerance_px``: pixels' worth of a voxel's light that may fall on unlit pixels before DRT drops it.
-    ``focus_reach``: up to how many dead zones from focus planes count less in the correlation (see ``focus``); 0 = none.
+    ``focus_reach``: up to how many dead zones from focus planes count less in the correlation (``focus``); 0 = none.
     ``seed``: of the random order of views.
     """
 
