@@ -120,8 +120,8 @@ def run(
             _, after = reconstructed(k)
             frames[names[k]] = _frame_summary(after)
             with clock("correlation"):
-                pair = (volume.with_planes_scaled(weight) for volume in (before.volume, after.volume))
-                field = measure(*pair, experiment.correlation.settings(), report)
+                first, second = (found.volume.with_planes_scaled(weight) for found in (before, after))
+                field = measure(first, second, experiment.correlation.settings(), report)
             dt_s = recording.dt_s
             fields.append(velocity_dataset(field, projector.grid, dt_s, time_s=(k - 0.5) * dt_s))
             before = after
