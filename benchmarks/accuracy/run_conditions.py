@@ -58,7 +58,7 @@ def measure(name: str, folder: Path, settings: list[str]) -> dict[str, Any]:
     begin = time.perf_counter()
     line: dict[str, Any] = {"name": name, "settings": settings}
     try:
-        result = plenopiv.run(experiment, overwrite=True)
+        result = plenopiv.process(experiment, overwrite=True)
     except PlenoPIVError as error:
         return line | {"error": str(error)}
     wall = time.perf_counter() - begin

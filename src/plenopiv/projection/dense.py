@@ -14,12 +14,13 @@ from plenopiv.projection.footprint import TIP
 from plenopiv.projection.pixels import (
     EXACT,
     ONE_RAY,
+    STRIPS,
     floor_of,
     pixel_share,
     plane_of,
     ray_inside,
     ray_share,
-    rim_share,
+    strip_share,
 )
 
 LANES = 16  # voxels of a row computed at once: the widest float32 vector
@@ -41,9 +42,11 @@ def row_weights(geo, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, n,
                 f = F(b + i)
                 part[i] = pixel_share(geo, plane, x0 + f * step_x, y0 + f * step_y)
         elif rule == EXACT:
-            for i in range(LANES):
-                f = F(b + i)
-                part[i] = rim_share(geo, plane, qx, qy, x0 + f * step_x, y0 + f * step_y)
+            part[:] = F(0)
+            for strip in range(STRIPS):
+                for i in range(LANES):
+                    f = F(b + i)
+                    part[i] += strip_share(geo, plane, qx, qy, strip, x0 + f * step_x, y0 + f * step_y)
         elif rule == ONE_RAY:
             for i in range(LANES):
                 f = F(b + i)

@@ -62,41 +62,60 @@ def pixel_share(geo, plane, x, y):
 
 
 @inlined
-def strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, dv):
+def strip_area(geo, plane, x, y, u, v, base, outward, along_x, dv):
     """Area in the cell of the strip ``dv`` px from the pixel's middle; it ends at the rim, ``base`` px further in."""
-    edge = sqrt(max(radius2 - (v + dv) * (v + dv), F(0.01))) - base
+    edge = sqrt(max(geo.radius * geo.radius - (v + dv) * (v + dv), F(0.01))) - base
     edge = max(min(edge, F(0.5)), F(-0.5))
     du = outward * F(0.5) * (edge - F(0.5))
     dx, dy = du if along_x else dv, dv if along_x else du
     half_u, half_v = (edge + F(0.5)) * plane.half, F(1.0 / STRIPS) * plane.half
+    along_rows = along_x != geo.swapped
     hx, hy = half_u if along_rows else half_v, half_v if along_rows else half_u
     px, py = plane.move * (geo.cos * dx + geo.sin * dy), plane.move * (geo.cos * dy - geo.sin * dx)
     return patch_area(geo, x + px, y + py, hx, hy)
 
 
 @inlined
-def rim_share(geo, plane, qx, qy, x, y):
-    """The same for a pixel at q that the aperture's rim may cut, in six strips that run towards the rim.
+def rim_base(geo, plane, u, v, outward, along_x, x, y):
+    """How much further in than from the axis the rim cuts a pixel at (u, v), u running towards the rim.
 
-    A strip runs from the pixel's inner side to where the rim cuts the strip's middle. Off focus the rim moves towards
-    the pixel's centre by A times its distance; for a voxel off the footprint's centre the aperture's disc has moved by
-    ``drift`` pixels per cell.
+    Off focus the rim moves towards the pixel's centre by A times its distance; for a voxel off the footprint's centre
+    the aperture's disc has moved by ``drift`` pixels per cell.
     """
-    along_x = abs(qx) > abs(qy)  # u runs towards the rim, v along it
-    along_rows = along_x != geo.swapped
-    u, v = abs(qx) if along_x else abs(qy), qy if along_x else qx
-    outward = F(1) if (qx if along_x else qy) > F(0) else F(-1)
-    radius2 = geo.radius * geo.radius
-    reach = sqrt(max(radius2 - v * v, F(0.01)))
+    reach = sqrt(max(geo.radius * geo.radius - v * v, F(0.01)))
     off_x, off_y = plane.drift * (geo.cos * x - geo.sin * y), plane.drift * (geo.cos * y + geo.sin * x)
     off_u, off_v = off_x if along_x else off_y, off_y if along_x else off_x
-    base = u + plane.spread * (reach - u) + outward * off_u + v / reach * off_v
-    total = strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, F(-2.5 / STRIPS))
-    total += strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, F(-1.5 / STRIPS))
-    total += strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, F(-0.5 / STRIPS))
-    total += strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, F(0.5 / STRIPS))
-    total += strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, F(1.5 / STRIPS))
-    total += strip_area(geo, plane, x, y, u, v, base, radius2, outward, along_x, along_rows, F(2.5 / STRIPS))
+    return u + plane.spread * (reach - u) + outward * off_u + v / reach * off_v
+
+
+@inlined
+def strip_share(geo, plane, qx, qy, k, x, y):
+    """The same for strip k of a pixel at q that the aperture's rim may cut: STRIPS rectangles that run towards the rim.
+
+    A strip runs from the pixel's inner side to where the rim cuts the strip's middle.
+    """
+    along_x = abs(qx) > abs(qy)
+    u, v = abs(qx) if along_x else abs(qy), qy if along_x else qx
+    outward = F(1) if (qx if along_x else qy) > F(0) else F(-1)
+    base = rim_base(geo, plane, u, v, outward, along_x, x, y)
+    dv = F(k) / F(STRIPS) + F(0.5 / STRIPS - 0.5)
+    area = strip_area(geo, plane, x, y, u, v, base, outward, along_x, dv)
+    return area * (F(0.25) / (plane.half * plane.half))
+
+
+@inlined
+def rim_share(geo, plane, qx, qy, x, y):
+    """The sum of ``strip_share`` over the strips, what they share worked out once."""
+    along_x = abs(qx) > abs(qy)
+    u, v = abs(qx) if along_x else abs(qy), qy if along_x else qx
+    outward = F(1) if (qx if along_x else qy) > F(0) else F(-1)
+    base = rim_base(geo, plane, u, v, outward, along_x, x, y)
+    total = strip_area(geo, plane, x, y, u, v, base, outward, along_x, F(-2.5 / STRIPS))
+    total += strip_area(geo, plane, x, y, u, v, base, outward, along_x, F(-1.5 / STRIPS))
+    total += strip_area(geo, plane, x, y, u, v, base, outward, along_x, F(-0.5 / STRIPS))
+    total += strip_area(geo, plane, x, y, u, v, base, outward, along_x, F(0.5 / STRIPS))
+    total += strip_area(geo, plane, x, y, u, v, base, outward, along_x, F(1.5 / STRIPS))
+    total += strip_area(geo, plane, x, y, u, v, base, outward, along_x, F(2.5 / STRIPS))
     return total * (F(0.25) / (plane.half * plane.half))
 
 

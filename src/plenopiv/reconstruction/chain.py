@@ -16,7 +16,8 @@ from plenopiv.volume import SparseVolume
 
 CLEARLY = 2.0  # thresholds: noise alone does not reach so high
 FEWEST_LIT = 1e-4  # share of such pixels below which a frame counts as empty
-FAINTEST = 0.05  # counts: a voxel that gives less than this in each of its pixels is left out
+SMALLEST_FLOOR = 0.5  # counts: digitisation alone leaves 0.3
+FAINTEST = 0.2  # of the dark noise: a voxel that gives less than this in each of its pixels is left out
 
 
 @dataclass(frozen=True)
@@ -65,14 +66,15 @@ def reconstruct(
             'or use reconstruction.method = "mart"'
         )
     volume.values[:] = max(float(lightfield.values.sum(dtype=np.float64)), 1.0) / alive
+    floor = max(dark_noise(lightfield), SMALLEST_FLOOR)
     volume, residuals = mart(
         lightfield.values,
         projector,
         volume,
-        faintest=FAINTEST / projector.light_share,
         iterations=settings.iterations,
         relaxation=settings.relaxation,
-        floor=max(dark_noise(lightfield), 0.5),
+        floor=floor,
+        faintest=FAINTEST * floor / projector.light_share,
         seed=settings.seed,
         progress=progress,
     )

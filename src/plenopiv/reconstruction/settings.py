@@ -24,7 +24,7 @@ class ReconstructionSettings:
 
     method: Method = "drt-mart"
     iterations: int = 5
-    relaxation: float = 1.0
+    relaxation: float = 0.3
     weights: Weights = "exact"
     threshold: float | None = None
     tolerance_px: float = 3.0
