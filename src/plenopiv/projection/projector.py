@@ -75,9 +75,9 @@ class Projector:
     def forward(self, view: int, volume: NDArray[np.float32] | SparseVolume) -> NDArray[np.float32]:
         """The volume's light in one view, (lens,); 0 where the pixel is no equation."""
         if isinstance(volume, SparseVolume):
-            partial = np.empty((PARTIAL_IMAGES, self.layout.lenses + 1), np.float32)
+            partial = np.empty((PARTIAL_IMAGES, self.layout.lenses), np.float32)
             self._walk(view, volume, PARTIAL_IMAGES, NOTHING, partial, NOTHING, True)
-            image = partial.sum(0)[:-1]
+            image = partial.sum(0)
             image[~self.layout.seen[view]] = 0.0
             return image
         image = np.zeros(self.layout.lenses, np.float32)
@@ -89,7 +89,7 @@ class Projector:
         """For each listed voxel the sum of ``image`` over the pixels that it lights, each by its lit share of the
         pixel."""
         out = np.empty(volume.values.size, np.float32)
-        seen = np.append(np.where(self.layout.seen[view], image, 0.0), 0.0).astype(np.float32)
+        seen = np.where(self.layout.seen[view], image, 0.0).astype(np.float32)
         self._walk(view, volume, CHUNKS, seen, np.empty((1, 1), np.float32), out, False)
         return out
 

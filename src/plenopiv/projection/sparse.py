@@ -1,9 +1,10 @@
 """CPU kernels for sparse volumes, run from the voxel's side: for each listed voxel the microlenses that take its light.
 
-A block of listed voxels of one plane is worked on at once. The microlenses that a voxel may light in a view are a small
-window of lattice indices, SLOTS of them for every voxel of the plane; slot by slot their shares are plain arithmetic
-on whole vectors of voxels, without a branch or a look-up (a lens' phase comes from ``Layout.clock``). Only then are the
-images read or added to.
+A block of listed voxels of one plane is worked on at once. The microlenses that a voxel may light in a view are a
+small window of lattice indices, as many slots for every voxel of the plane. Slot by slot, places are plain arithmetic
+on whole vectors of voxels, without a branch or a look-up (a lens' phase comes from ``Layout.clock``). Pairs of a voxel
+and a lens that do meet, a quarter to a half of them, are collected; their shares are again vector arithmetic, and only
+then are images read or added to.
 
 The list is cut into fixed chunks; each sums into an image of its own and the caller adds those in order, so results
 do not depend on the number of threads.
@@ -28,26 +29,24 @@ from plenopiv.projection.pixels import (
 )
 
 BLOCK = 128  # voxels worked on at once
+PAIRS = 512  # pairs of a voxel and a lens worked on at once
 F = np.float32
 PX = F(2.0**-32)  # of the clock's ticks
 
 
 @kernel
-def window_of(geo, plane, rule):
-    """The window of lenses around a voxel: its half widths in cells along and across rows, its lenses and rows."""
+def reach_of(geo, plane, rule):
+    """How far from a microlens' centre (cells, along and across rows) a footprint's centre may be and still meet it."""
     half = plane.half if rule == EXACT else F(0.67) * plane.half * (abs(geo.cos) + abs(geo.sin))
-    moved = F(0.5) * abs(plane.move) * (abs(geo.cos) + abs(geo.sin))  # what a phase of half a pixel can move
-    wide = F(0.5) + half + moved
-    high = (TIP if geo.hexagonal else F(0.5)) + half + moved
-    return wide, high, np.int64(F(2) * wide / plane.pitch) + 1, np.int64(F(2) * high / (plane.pitch * geo.row)) + 1
+    half += abs(geo.turn) * (half + F(0.6))
+    return F(0.5) + half, (TIP if geo.hexagonal else F(0.5)) + half
 
 
 @kernel
-def slot_places(geo, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, lens, x, y, qx, qy, inside, m, n):
-    """For one slot: the lens of each voxel, where the voxel lies from its footprint's centre (cells), and the pixel's
-    q.
+def slot_places(geo, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, lens, x, y, qx, qy, m, n):
+    """For one slot: the lens of each voxel, the voxel's place off its footprint's centre (cells), and the pixel's q.
 
-    ``lens`` is the flat index or, outside the block of lenses, one past the last; ``inside`` 1 or 0.
+    ``lens`` is the flat index or, outside the block of lenses, -1.
     """
     i0, j0, ni, nj = box
     spacing = plane.pitch * geo.row
@@ -63,29 +62,39 @@ def slot_places(geo, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, le
         y[k] = cy[k] - spacing * F(j) + geo.cos * py - geo.sin * px
         qx[k], qy[k] = m - phase_c, phase_r - n
         here = (i >= i0) & (i < i0 + ni) & (j >= j0) & (j < j0 + nj)
-        lens[k] = (j - j0) * ni + (i - i0) if here else ni * nj
-        inside[k] = F(1) if here else F(0)
+        lens[k] = (j - j0) * ni + (i - i0) if here else -1
 
 
 @kernel
-def slot_shares(geo, plane, rule, rim, share, count, lens, x, y, qx, qy, inside, weight):
-    """For one slot: the share of its lens' pixel that each voxel gives, into ``weight``."""
+def collect(
+    count, reach_x, reach_y, lens, x, y, qx, qy, pairs, pair_voxel, pair_lens, pair_x, pair_y, pair_qx, pair_qy
+):
+    """Append to the pairs those voxels of a slot that meet their lens; returns the new number of pairs."""
+    for k in range(count):
+        pair_voxel[pairs], pair_lens[pairs] = k, lens[k]
+        pair_x[pairs], pair_y[pairs], pair_qx[pairs], pair_qy[pairs] = x[k], y[k], qx[k], qy[k]
+        pairs += (lens[k] >= 0) & (abs(x[k]) < reach_x) & (abs(y[k]) < reach_y)
+    return pairs
+
+
+@kernel
+def pair_shares(geo, plane, rule, rim, share, pairs, lens, x, y, qx, qy, weight):
+    """The share of its lens' pixel that the voxel of each pair gives, into ``weight``."""
     if rule == ONE_RAY:
-        for k in range(count):
-            lit = share[lens[k]] if inside[k] > F(0) else F(0)
-            weight[k] = lit * ray_inside(geo, x[k], y[k])
+        for k in range(pairs):
+            weight[k] = share[lens[k]] * ray_inside(geo, x[k], y[k])
     elif rule == EXACT and not rim:
-        for k in range(count):
-            weight[k] = inside[k] * pixel_share(geo, plane, x[k], y[k])
+        for k in range(pairs):
+            weight[k] = pixel_share(geo, plane, x[k], y[k])
     elif rule == EXACT:
-        for k in range(count):
-            weight[k] = inside[k] * rim_share(geo, plane, qx[k], qy[k], x[k], y[k])
+        for k in range(pairs):
+            weight[k] = rim_share(geo, plane, qx[k], qy[k], x[k], y[k])
     else:
-        for k in range(count):
+        for k in range(pairs):
             weight[k] = F(0)
         for ray in range(9):
-            for k in range(count):
-                weight[k] += inside[k] * ray_share(geo, plane, rim, qx[k], qy[k], ray, x[k], y[k])
+            for k in range(pairs):
+                weight[k] += ray_share(geo, plane, rim, qx[k], qy[k], ray, x[k], y[k])
 
 
 @kernel
@@ -128,21 +137,18 @@ def walk(
 ):
     """The listed voxels and the lenses that each lights in one view.
 
-    ``scatter``: add the voxels' light to ``partial`` (chunk, lens + 1). Otherwise: the share-weighted sum of ``image``
-    (lens + 1,) for each voxel into ``out``. ``chunks``: bounds of runs of rows.
+    ``scatter``: add the voxels' light to ``partial`` (chunk, lens). Otherwise: the share-weighted sum of ``image``
+    (lens,) for each voxel into ``out``. ``chunks``: bounds of runs of rows.
     """
     for c in prange(chunks.size - 1):
         block_column, block_row = np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int32)
-        j_of, first_i = np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64)
-        cx, cy = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-        x, y, qx, qy = (
-            np.empty(BLOCK, np.float32),
-            np.empty(BLOCK, np.float32),
-            np.empty(BLOCK, np.float32),
-            np.empty(BLOCK, np.float32),
-        )
-        inside, weight = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-        lens, total = np.empty(BLOCK, np.int64), np.empty(BLOCK, np.float32)
+        j_of, first_i, lens = np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64)
+        cx, cy, total = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+        x, y = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+        qx, qy = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+        pair_voxel, pair_lens = np.empty(PAIRS, np.int32), np.empty(PAIRS, np.int64)
+        pair_x, pair_y = np.empty(PAIRS, np.float32), np.empty(PAIRS, np.float32)
+        pair_qx, pair_qy, weight = np.empty(PAIRS, np.float32), np.empty(PAIRS, np.float32), np.empty(PAIRS, np.float32)
         if scatter:
             partial[c, :] = F(0)
         row = chunks[c]
@@ -150,44 +156,54 @@ def walk(
             plane = plane_of(table, row // ny)
             last_row = min((row // ny + 1) * ny, chunks[c + 1])
             start, plane_end = row_start[row], row_start[last_row]
-            wide, high, lenses, lens_rows = window_of(geo, plane, rule)
+            reach_x, reach_y = reach_of(geo, plane, rule)
+            moved = F(0.5) * abs(plane.move) * (abs(geo.cos) + abs(geo.sin))  # what a phase of half a pixel can move
+            wide, high = reach_x + moved, reach_y + moved
+            lenses, lens_rows = (
+                np.int64(F(2) * wide / plane.pitch) + 1,
+                np.int64(F(2) * high / (plane.pitch * geo.row)) + 1,
+            )
+            slots = lenses * lens_rows
             while start < plane_end:
                 count, row = fill_block(plane_end, start, row, ny, row_start, column, block_column, block_row)
                 block_begin(geo, plane, m, n, count, block_column, block_row, cx, cy, j_of, high)
                 for k in range(count):
                     total[k] = values[start + k] * plane.light if scatter else F(0)
-                for dj in range(lens_rows):
-                    block_columns(geo, plane, count, cx, j_of, dj, wide, first_i)
-                    for di in range(lenses):
-                        slot_places(
-                            geo,
-                            box,
-                            clock,
-                            plane,
-                            count,
-                            cx,
-                            cy,
-                            first_i,
-                            j_of,
-                            dj,
-                            di,
-                            lens,
-                            x,
-                            y,
-                            qx,
-                            qy,
-                            inside,
-                            m,
-                            n,
-                        )
-                        slot_shares(geo, plane, rule, rim, share, count, lens, x, y, qx, qy, inside, weight)
-                        if scatter:
-                            for k in range(count):
-                                if weight[k] > F(0):
-                                    partial[c, lens[k]] += weight[k] * total[k]
-                        else:
-                            for k in range(count):
-                                total[k] += weight[k] * image[lens[k]]
+                pairs = 0
+                for slot in range(slots):
+                    dj, di = slot // lenses, slot % lenses
+                    if di == 0:
+                        block_columns(geo, plane, count, cx, j_of, dj, wide, first_i)
+                    slot_places(geo, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, lens, x, y, qx, qy, m, n)
+                    pairs = collect(
+                        count,
+                        reach_x,
+                        reach_y,
+                        lens,
+                        x,
+                        y,
+                        qx,
+                        qy,
+                        pairs,
+                        pair_voxel,
+                        pair_lens,
+                        pair_x,
+                        pair_y,
+                        pair_qx,
+                        pair_qy,
+                    )
+                    if pairs < PAIRS - BLOCK and slot < slots - 1:
+                        continue
+                    pair_shares(
+                        geo, plane, rule, rim, share, pairs, pair_lens, pair_x, pair_y, pair_qx, pair_qy, weight
+                    )
+                    if scatter:
+                        for k in range(pairs):
+                            partial[c, pair_lens[k]] += weight[k] * total[pair_voxel[k]]
+                    else:
+                        for k in range(pairs):
+                            total[pair_voxel[k]] += weight[k] * image[pair_lens[k]]
+                    pairs = 0
                 if not scatter:
                     for k in range(count):
                         out[start + k] = total[k]
