@@ -90,7 +90,7 @@ def one_line(line: dict[str, Any]) -> str:
     """What a person wants to read of a run first."""
     if "error" in line:
         return f"{line['name']:18s} FAILED: {line['error']}"
-    score, frames = line["score"], line["summary"]["reconstruction"]
+    score, frames = line["score"], list(line["summary"]["reconstruction"].values())
     final, raw = score["final"], score["raw"]
 
     def triple(values) -> str:

@@ -31,7 +31,7 @@ def row(line: dict[str, Any]) -> str:
     cells = [f"`{name}`", CONDITIONS[name].varies]
     if "error" in line:
         return f"| {' | '.join(cells)} | failed: {line['error']} |" + " |" * 8
-    score, frame = line["score"], line["summary"]["reconstruction"][0]
+    score, frame = line["score"], next(iter(line["summary"]["reconstruction"].values()))
     final, raw = score["final"], score["raw"]
     bands = final["by_depth"]
     cells += [
