@@ -21,7 +21,7 @@ def particle_pair(shape: Shape, flow: Flow, rng: np.random.Generator, lost: floa
     """Two float32 volumes ``shape`` (nz, ny, nx), half a displacement before and after mid-time.
 
     ``lost``: share of the particles that only one of the two volumes shows, each volume missing half of them.
-    ``ghosts``: blobs at random places, other ones in each volume and as bright as particles, as a share of their number.
+    ``ghosts``: blobs at random places, others in each volume and as bright as particles, as a share of their number.
     """
     low, high = np.full(3, -0.5 - _MARGIN), np.array(shape[::-1]) - 0.5 + _MARGIN
     count = rng.poisson(PARTICLES_A_WINDOW / WINDOW**3 * np.prod(high - low))

@@ -32,7 +32,8 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
 
     Coordinates x, y, z in mm in the object frame (z = 0 the focal plane, +z toward the camera), vectors at their
     mid-time positions; ``time_s`` the mid-time of the two frames. Variables: u, v, w in m/s after replacement; u_raw,
-    v_raw, w_raw as the last pass measured them; valid (int8, 1 = measured, 0 = replaced); peak_ratio.
+    v_raw, w_raw as the last pass measured them; u_std, v_std, w_std in m/s, the standard deviations of u, v, w; valid
+    (int8, 1 = measured, 0 = replaced); peak_ratio.
     """
     import xarray as xr
 
@@ -43,7 +44,17 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
     ):
         for name, axis, values in zip("uvw", "xyz", velocity_m_s(voxels, grid, dt_s), strict=True):
             attributes = {"units": "m s-1", "long_name": f"velocity along {axis}, {text}"}
+            if not suffix:
+                attributes["ancillary_variables"] = f"{name}_std valid"  # CF 1.11, section 3.4
             variables[name + suffix] = (_DIMS, values[None], attributes)
+    for name, axis, values in zip("uvw", "xyz", velocity_m_s(field.std, grid, dt_s), strict=True):
+        attributes = {
+            "units": "m s-1",
+            "long_name": f"standard deviation of the velocity along {axis}",
+            "comment": "scatter of the particles in the window and flow that the window does not resolve;"
+            " without errors common to both frames",
+        }
+        variables[f"{name}_std"] = (_DIMS, values[None], attributes)
     variables["valid"] = (
         _DIMS,
         field.valid[None].astype(np.int8),

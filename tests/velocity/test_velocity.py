@@ -18,7 +18,8 @@ def field():
     valid = np.ones(shape, bool)
     valid[1, 2, 3] = False
     z, y, x = 7.5 + 8 * np.arange(2), 31.5 + 32 * np.arange(3), 31.5 + 32 * np.arange(4)
-    return DisplacementField(z, y, x, displacement, displacement + 1, valid, np.full(shape, 2, np.float32))
+    ratio, std = np.full(shape, 2, np.float32), 0.01 * (1 + displacement)
+    return DisplacementField(z, y, x, displacement, displacement + 1, valid, ratio, std)
 
 
 def test_one_voxel_per_frame_in_metres_per_second(field):
@@ -26,6 +27,9 @@ def test_one_voxel_per_frame_in_metres_per_second(field):
     for k, (name, voxel_m) in enumerate((("u", 2e-5), ("v", 2e-5), ("w", 8e-5))):
         np.testing.assert_allclose(ds[name][0], field.displacement[k] * voxel_m / 5e-4)
         np.testing.assert_allclose(ds[f"{name}_raw"][0], field.raw[k] * voxel_m / 5e-4)
+        np.testing.assert_allclose(ds[f"{name}_std"][0], field.std[k] * voxel_m / 5e-4)
+        assert ds[f"{name}_std"].attrs["units"] == "m s-1"
+        assert ds[name].attrs["ancillary_variables"].split() == [f"{name}_std", "valid"]
         assert ds[name].dims == ("time", "z", "y", "x")
         assert ds[name].attrs["units"] == "m s-1"
 

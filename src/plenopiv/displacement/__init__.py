@@ -7,6 +7,7 @@ peaks.py        the peak and its sub-voxel position
 predictor.py    displacement between the vectors; the filter between passes
 deformation.py  both volumes sampled half a displacement apart
 validation.py   outliers and their replacement
+uncertainty.py  standard deviation of every vector
 multigrid.py    one pass, and the loop over passes
 field.py        the result
 """

@@ -17,6 +17,8 @@ class DisplacementField:
     ``raw``: the same as the last pass measured it, before any replacement; 0 where a window held no light.
     ``valid``: (nz, ny, nx), True = measured, False = replaced from neighbours.
     ``peak_ratio``: (nz, ny, nx) float32, highest correlation peak over the second highest; 0 without a peak.
+    ``std``: (3, nz, ny, nx) float64, standard deviation of ``displacement`` (dx, dy, dz) in voxels, finite; see
+    ``displacement.uncertainty`` for what it covers.
     """
 
     z: NDArray[np.float64]
@@ -26,3 +28,4 @@ class DisplacementField:
     raw: NDArray[np.float64]
     valid: NDArray[np.bool_]
     peak_ratio: NDArray[np.float32]
+    std: NDArray[np.float64]

@@ -12,12 +12,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.displacement.correlation import WindowCorrelator
 from plenopiv.displacement.deformation import SPLINE_VARIANCE, DeformedPlanes
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.peaks import find_peaks
 from plenopiv.displacement.predictor import SplineField, fit_spline, smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.uncertainty import ScatterCorrelator, standard_deviation
 from plenopiv.displacement.validation import find_outliers, replace
 from plenopiv.displacement.windows import WindowGrid, window_grid
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
@@ -30,11 +30,15 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class PassResult:
-    """What one pass measured: ``displacement`` (3, nz, ny, nx) voxels, ``found`` and ``peak_ratio`` (nz, ny, nx)."""
+    """What one pass measured: ``displacement`` (3, nz, ny, nx) voxels, ``found`` and ``peak_ratio`` (nz, ny, nx).
+
+    ``variance`` (3, nz, ny, nx), voxel^2: scatter of the particles of a window about its peak; None if not asked for.
+    """
 
     displacement: NDArray[np.float64]
     found: NDArray[np.bool_]
     peak_ratio: NDArray[np.float32]
+    variance: NDArray[np.float64] | None = None
 
 
 def correlation_pass(
@@ -45,23 +49,26 @@ def correlation_pass(
     settings: CorrelationSettings,
     search: float,
     step_done: Callable[[int, int], None] | None = None,
+    scatter: bool = False,
 ) -> PassResult:
     """Correlate all windows of two volumes once.
 
     ``predictor``: displacement by which the volumes are deformed first; the result is its value at the window centres
     plus what the correlation finds. None: volumes as they are. ``settings``: smoothing, taper, whitening and intensity
-    exponent. ``search``: largest displacement to find, as a share of the window. One layer of windows is in memory at
-    a time; results do not depend on the number of threads (Numba's, ``NUMBA_NUM_THREADS``).
+    exponent. ``search``: largest displacement to find, as a share of the window. ``scatter``: whether to find the
+    variance as well, at about twice the cost. One layer of windows is in memory at a time; results do not depend on
+    the number of threads (Numba's, ``NUMBA_NUM_THREADS``).
     """
     size = windows.size
     radius = tuple(max(1, min(round(search * n), n // 2 - 2)) for n in size)
     done = 0.0 if predictor is None else SPLINE_VARIANCE
     variance = max(settings.smoothing_voxels**2 - done, 0.0)
-    correlator = WindowCorrelator(size, radius, variance, settings.whitening, settings.taper_voxels)  # type: ignore[arg-type]
+    correlator = ScatterCorrelator(size, radius, variance, settings.whitening, settings.taper_voxels)  # type: ignore[arg-type]
     nz, ny, nx = windows.shape
     found = np.zeros((nz, ny * nx), bool)
     ratio = np.zeros((nz, ny * nx), np.float32)
     moved = np.zeros((nz, ny * nx, 3))
+    spread = np.zeros_like(moved)
     corners = list(product(windows.starts[1].tolist(), windows.starts[2].tolist()))
     batch = max(1, _BATCH_VOXELS // int(np.prod(size)))
     exponent = settings.intensity_exponent
@@ -83,15 +90,18 @@ def correlation_pass(
                 lit = (np.ptp(cut_a, axis=(1, 2, 3)) > 0) & (np.ptp(cut_b, axis=(1, 2, 3)) > 0)
                 found[layer, part] &= lit
                 moved[layer, part][~lit] = 0.0
+                if scatter:
+                    spread[layer, part] = correlator.variance(cut_a, cut_b, moved[layer, part])
                 ratio[layer, part][~lit] = 0.0
 
             list(pool.map(work, range(0, len(corners), batch)))
             if step_done is not None:
                 step_done(layer + 1, nz)
-    displacement = np.moveaxis(moved.reshape(nz, ny, nx, 3), -1, 0)
+    displacement, scattered = (np.moveaxis(v.reshape(nz, ny, nx, 3), -1, 0) for v in (moved, spread))
     if predictor is not None:
         displacement = displacement + predictor.at(*windows.centres)
-    return PassResult(displacement, found.reshape(nz, ny, nx), ratio.reshape(nz, ny, nx))
+    shape = (nz, ny, nx)
+    return PassResult(displacement, found.reshape(shape), ratio.reshape(shape), scattered if scatter else None)
 
 
 @dataclass
@@ -151,6 +161,7 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
             settings,
             settings.search if windows is not grids[-1] or predictor is None else settings.residual_search,
             None if progress is None else lambda done, total, name=name: progress(name, done, total),  # type: ignore[misc]
+            scatter=number == len(plan),
         )
         outlier = find_outliers(
             result.displacement, result.found, settings.outlier_threshold, settings.outlier_floor_voxels
@@ -161,8 +172,10 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
             smooth = smooth_predictor(displacement, settings.overlap) if settings.filter_predictor else displacement
             predictor = fit_spline(smooth, windows.centres, shape)
     _warn_if_far(displacement, valid, settings)
+    assert result.variance is not None
+    std = standard_deviation(displacement, valid, result.variance, plan[-1], settings)
     z, y, x = plan[-1].centres
-    return DisplacementField(z, y, x, displacement, result.displacement, valid, result.peak_ratio)
+    return DisplacementField(z, y, x, displacement, result.displacement, valid, result.peak_ratio, std)
 
 
 def _warn_if_far(displacement: NDArray, valid: NDArray, settings: CorrelationSettings) -> None:
