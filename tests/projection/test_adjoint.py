@@ -2,7 +2,6 @@
 
 from math import pi
 
-import numba
 import numpy as np
 import pytest
 from oracles.cameras import small_camera
@@ -12,13 +11,7 @@ from plenopiv.projection.geometry import Plane, planes
 from plenopiv.projection.projector import RULES, Projector
 from plenopiv.volume import VoxelGrid
 
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def random_setting(seed):

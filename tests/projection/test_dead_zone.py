@@ -1,7 +1,6 @@
 """Where a point's depth cannot be told, found by scanning z in voxel steps, against the closed forms of DESIGN
 section 2."""
 
-import numba
 import numpy as np
 import pytest
 from oracles.cameras import projected_point, small_camera
@@ -9,15 +8,9 @@ from oracles.naive_projection import exact_light
 
 from plenopiv.lightfield import layout
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 MICROLENSES = (5, 5)
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(threads)
 
 
 def lenses_lit(where, z):

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from oracles.cameras import small_camera
@@ -12,6 +11,8 @@ from plenopiv.lightfield import layout
 from plenopiv.projection.geometry import Plane, planes
 from plenopiv.projection.projector import Projector
 from plenopiv.volume import SparseVolume, VoxelGrid
+
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 GRID = VoxelGrid((-0.0761, -0.0483, -2.213), (0.0385, 0.041, 1.03), (5, 2, 3))
 NAIVE = {"exact": exact_light, "9-rays": lambda *a: ray_light(*a, 9), "1-ray": lambda *a: ray_light(*a, 1)}
@@ -59,14 +60,6 @@ def case(request):
     if request.param not in CASES:
         CASES[request.param] = Case(*request.param)
     return CASES[request.param]
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(threads)
 
 
 def close(got, want):

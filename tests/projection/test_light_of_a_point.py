@@ -6,7 +6,6 @@ decoded like a recording. Run with ``pytest -s`` for the table by depth.
 
 from functools import cache
 
-import numba
 import numpy as np
 import pytest
 from oracles.cameras import projected_point, small_camera
@@ -14,6 +13,8 @@ from oracles.light import point_image_quadrature, point_image_square
 from oracles.naive_projection import exact_light
 
 from plenopiv.lightfield import decode, layout
+
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 LATTICES = {
     "square": ("square", 0.0, (0.0, 0.0)),
@@ -29,15 +30,6 @@ DEPTHS_MM = (-8.0, -4.0, -2.0, -1.0, -0.2, 0.0, 0.2, 1.0, 2.0, 4.0, 8.0)
 PLACES_MM = ((0.003, 0.002), (0.11, -0.07))
 LIMIT = 1e-2
 every_lattice = pytest.mark.parametrize("name", LATTICES)
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    """One voxel is no work to share."""
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(threads)
 
 
 @cache

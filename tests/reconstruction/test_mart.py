@@ -2,7 +2,6 @@
 
 import itertools
 
-import numba
 import numpy as np
 import pytest
 from oracles.cameras import small_camera
@@ -12,16 +11,10 @@ from plenopiv.projection.projector import Projector
 from plenopiv.reconstruction.mart import mart
 from plenopiv.volume import SparseVolume, VoxelGrid
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 GRID = VoxelGrid.covering((-0.3, 0.3), (-0.25, 0.25), (-1.6, 1.6), (0.044, 0.044, 0.132))
 PROJECTORS = {}
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(threads)
 
 
 def projector_of(kind, rule="exact"):

@@ -14,6 +14,8 @@ from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
 from plenopiv.volume import VoxelGrid
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 ELECTRONS = 60000.0
 CAMERAS = {
     kind: small_camera(kind, pmr=8, microlenses=(21, 19), offset_mm=(0.004, -0.007)) for kind in ("square", "hexagonal")
@@ -23,14 +25,6 @@ VOXEL = 0.022  # half a microlens in the object
 GRID = VoxelGrid.covering((-0.33, 0.33), (-0.33, 0.33), (-1.8, 1.8), (VOXEL, VOXEL, 0.1))
 X, Y, Z = 0.121, 0.165, 1.05
 PLACES = [(X, 0.011, Z), (-X, 0.011, Z), (0.011, Y, -Z), (0.011, -Y, -Z), (X, -Y, Z), (-X, Y, -Z)]
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(threads)
 
 
 def image_of(kind, place, electrons=ELECTRONS):
