@@ -1,0 +1,232 @@
+"""Standard deviation of every vector, from the scatter of its own particles and from what its neighbours show.
+
+Three parts; only the threshold of the third was chosen by coverage, which docs/uncertainty.md has as measured:
+
+1. *Scatter.* The sum that makes a correlation peak is split into the contributions of 64 blocks of the window. Each
+   block is left out in turn and the peak fitted anew; the delete-one jackknife (Efron & Stein 1981) of those
+   displacements is the variance s^2 of one correlation. It holds whatever makes particles disagree: noise, ghosts,
+   particles seen once, gradients that deformation has left. Wieneke (2015, Meas. Sci. Technol. 26 074002) takes the
+   same contributions a(x) b(x + 1) - a(x + 1) b(x) with a model of their covariance instead.
+2. *Iteration.* Each pass deforms by the vectors of the last one, noise included, and can correct only what a window
+   sees: short waves of noise grow. ``iteration_gain`` computes the growth K of the variance (1.77 for three passes).
+3. *Curvature.* The mean of the flow over a window differs from its value at the centre by q = sum_i n_i^2/24 d''_i,
+   which second differences of the field itself estimate. Noise alone gives q a variance of c K s^2; where q exceeds
+   twice its standard deviation, it is taken for flow that windows of this size do not resolve.
+
+    std^2 = K s^2 + (q^2 where q^2 > 4 c K s^2)
+
+What both frames get wrong alike (light without depth near focus, calibration) no part can see.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+from scipy.spatial import cKDTree
+
+from plenopiv.displacement.correlation import WindowCorrelator
+from plenopiv.displacement.peaks import gaussian_offset
+from plenopiv.displacement.predictor import smooth_predictor
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.windows import WindowGrid
+from plenopiv.kernels import kernel
+
+_BLOCKS = 4  # along each axis, fewer where one would be thinner than four voxels, about a particle
+_NEIGHBOURS = 26  # vectors whose variance a replaced one takes; as many as its value is fitted to
+_MEAN_SQUARE_STEPS = 26 / (6 + 12 / 2 + 8 / 3)  # <r^2> of the 26 neighbours weighted by r^-2, in steps^2
+_SIGNIFICANT = 2.0  # standard deviations of its noise from which a curvature is taken for real
+_WAVES = 32  # wave numbers along each axis
+_ALIASES = 4
+
+
+class ScatterCorrelator(WindowCorrelator):
+    """A correlator that also tells how far the particles of a window agree about its peak."""
+
+    def variance(
+        self, a: NDArray[np.float32], b: NDArray[np.float32], moved: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Jackknife variance (batch, 3), voxel^2, along x, y, z, of the peaks ``moved`` (batch, 3) of ``a`` with ``b``.
+
+        ``a``, ``b``: windows (batch, nz, ny, nx) as given to the correlation.
+        """
+        a, b = self.filtered(a, b)
+        peak = np.rint(moved).astype(np.int64)[:, ::-1]  # z, y, x
+        for window, shift in zip(b, peak, strict=True):
+            if shift.any():
+                window[:] = np.roll(window, tuple(-shift), (0, 1, 2))
+        a, b = (np.pad(w, ((0, 0), (0, 1), (0, 1), (0, 1)), mode="wrap") for w in (a, b))
+        blocks = np.array([max(1, min(_BLOCKS, n // 4)) for n in self.size])
+        sums = np.zeros((len(a), int(blocks.prod()), 7))
+        block_sums(a, b, blocks, sums)
+        middle = np.array(self._gain.shape) // 2 + peak
+        star = np.array([(0, 0, 0), (0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0)])
+        gain = self._gain[tuple(np.moveaxis(middle[:, None] + star, -1, 0))]  # (batch, 7)
+        out = np.zeros((len(a), 3))
+        jackknife_variance(sums * gain[:, None], out)
+        return out
+
+    def filtered(
+        self, a: NDArray[np.float32], b: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Both windows as the correlation sees them: R(d) / gain(d) is their plain circular sum of products.
+
+        Each takes the square root of the factor that whitening and smoothing put on the cross spectrum.
+        """
+        axes = (1, 2, 3)
+        first, second = (fft.rfftn(self._faded(w), axes=axes, workers=1) for w in (a, b))
+        factor = np.broadcast_to(self._filter, first.shape)
+        if self.whitening:
+            strength = np.abs(first) * np.abs(second)
+            strength += np.float32(1e-3) * strength.mean(axes, keepdims=True) + np.float32(1e-30)
+            factor = factor * strength ** np.float32(-self.whitening)
+        root = np.sqrt(factor)
+        first *= root
+        second *= root
+        a, b = (fft.irfftn(s, self.size, axes=axes, workers=1, overwrite_x=True) for s in (first, second))
+        return a, b
+
+
+@kernel(nogil=True)
+def block_sums(a, b, blocks, out):
+    """Contribution of each block of a window to the peak and its six neighbours.
+
+    ``a``, ``b``: float32 (batch, nz + 1, ny + 1, nx + 1), ``b`` shifted so that the peak is at zero, the last plane,
+    row and column repeating the first. Adds to ``out`` (batch, blocks, 7): sums of a b at 0, -x, +x, -y, +y, -z, +z. A
+    pair one voxel apart counts where its lower voxel is, for either sign: a perfect match then has no asymmetry in any
+    block.
+    """
+    count, nz, ny, nx = a.shape[0], a.shape[1] - 1, a.shape[2] - 1, a.shape[3] - 1
+    bz, by, bx = blocks
+    for w in range(count):
+        for k in range(nz):
+            for j in range(ny):
+                layer = (k * bz // nz * by + j * by // ny) * bx
+                pa, pb = a[w, k, j], b[w, k, j]
+                for block in range(bx):
+                    s0 = s1 = s2 = s3 = s4 = s5 = s6 = np.float32(0.0)
+                    for i in range((block * nx + bx - 1) // bx, ((block + 1) * nx + bx - 1) // bx):
+                        s0 += pa[i] * pb[i]
+                        s1 += pa[i + 1] * pb[i]
+                        s2 += pa[i] * pb[i + 1]
+                        s3 += a[w, k, j + 1, i] * pb[i]
+                        s4 += pa[i] * b[w, k, j + 1, i]
+                        s5 += a[w, k + 1, j, i] * pb[i]
+                        s6 += pa[i] * b[w, k + 1, j, i]
+                    for n, s in enumerate((s0, s1, s2, s3, s4, s5, s6)):
+                        out[w, layer + block, n] += s
+
+
+@kernel(nogil=True)
+def jackknife_variance(sums, variance):
+    """Delete-one variance of the Gaussian peak fit: (n - 1)/n sum_i (d_i - mean d)^2 over the n blocks left out.
+
+    ``sums``: (batch, blocks, 7) as of ``block_sums``, normalised by overlap. Writes ``variance`` (batch, 3), x, y, z.
+    """
+    count, blocks, _ = sums.shape
+    for w in range(count):
+        total = np.zeros(7)
+        for i in range(blocks):
+            total += sums[w, i]
+        for axis in range(3):
+            lo, hi = 1 + 2 * axis, 2 + 2 * axis
+            mean = square = 0.0
+            centre = gaussian_offset(total[lo], total[0], total[hi])
+            for i in range(blocks):
+                c = sums[w, i]
+                d = gaussian_offset(total[lo] - c[lo], total[0] - c[0], total[hi] - c[hi]) - centre
+                mean += d / blocks
+                square += d * d
+            variance[w, axis] = (blocks - 1) / blocks * (square - blocks * mean * mean)
+
+
+def iteration_gain(windows: WindowGrid, settings: CorrelationSettings) -> tuple[float, float]:
+    """K and c: growth of the variance of a correlation by iterated deformation, and the share of it in curvature.
+
+    Noise n of one correlation is white under a window's average W. With the predictor p = F d of a pass (F the filter
+    between passes) the next one finds d = p + (n - C p), C what windows see of the spline through p; so after m passes
+
+        d = G n,  G = sum_{j < m} (F (1 - C))^j,   K = <|W|^2 G^2> / <|W|^2>,   c K = <|W|^2 G^2 Q^2> / <|W|^2>
+
+    over all waves that the vectors sample (Schrijer & Scarano 2008 treat the same loop). Q is the
+    response of ``curvature``. W = sinc for each axis, aliases folded.
+    """
+    q = 2 * np.pi * np.fft.fftfreq(_WAVES)  # radians per vector
+    noise, seen, bend = [], [], []
+    for size, step, stride in zip(windows.size, windows.step, _strides(windows), strict=True):
+        k = q[:, None] + 2 * np.pi * np.arange(-_ALIASES, _ALIASES + 1)
+        average = np.sinc(k * size / step / (2 * np.pi))
+        spline = np.sinc(k / (2 * np.pi)) ** 4
+        noise.append((average**2).sum(1))
+        seen.append((spline * average).sum(1) / spline.sum(1))
+        bend.append((2 * np.cos(stride * q) - 2) * _bend(size, step, stride))
+    impulse = np.zeros((1, *(_WAVES,) * 3))
+    impulse[0, 0, 0, 0] = 1.0
+    impulse = np.roll(impulse, (_WAVES // 2,) * 3, (1, 2, 3))
+    if settings.filter_predictor:
+        impulse = smooth_predictor(impulse, settings.overlap)
+    passed = np.abs(np.fft.fftn(impulse[0]))
+    z, y, x = np.ix_(*(np.arange(_WAVES),) * 3)
+    power = noise[0][z] * noise[1][y] * noise[2][x]
+    kept = passed * (1 - seen[0][z] * seen[1][y] * seen[2][x])
+    growth = sum(kept**j for j in range(settings.fine_passes)) ** 2
+    response = (bend[0][z] + bend[1][y] + bend[2][x]) ** 2
+    gain = (power * growth).sum()
+    return float(gain / power.sum()), float((power * growth * response).sum() / gain)
+
+
+def curvature(displacement: NDArray[np.float64], windows: WindowGrid) -> NDArray[np.float64]:
+    """q (3, nz, ny, nx) in voxels: mean of ``displacement`` over a window less its value at the centre.
+
+    To second order, from second differences over about half a window along each axis; the outermost vectors take that
+    of the next one inside.
+    """
+    out = np.zeros_like(displacement)
+    for axis, (size, step, stride) in enumerate(zip(windows.size, windows.step, _strides(windows), strict=True), 1):
+        n = displacement.shape[axis]
+        if stride:
+            at = np.clip(np.arange(n), stride, n - 1 - stride)
+            before, here, after = (np.take(displacement, at + s, axis) for s in (-stride, 0, stride))
+            out += (before - 2 * here + after) * _bend(size, step, stride)
+    return out
+
+
+def standard_deviation(
+    displacement: NDArray[np.float64],
+    valid: NDArray[np.bool_],
+    variance: NDArray[np.float64],
+    windows: WindowGrid,
+    settings: CorrelationSettings,
+) -> NDArray[np.float64]:
+    """Standard deviation (3, nz, ny, nx) of ``displacement`` (same shape), in voxels; finite everywhere.
+
+    ``variance``: of one correlation, from ``ScatterCorrelator``. A replaced vector (``valid`` False) has no particles
+    of its own to ask. It takes the means of the 26 nearest valid ones, whose linear fit its value is, with q enlarged:
+    with neighbours all around, a fit weighted by r^-2 is off by <r^2>/6 = 0.30 squared steps of d''_x + d''_y + d''_z.
+    """
+    gain, share = iteration_gain(windows, settings)
+    noise = gain * variance
+    bend = curvature(displacement, windows) ** 2
+    bend = np.where(bend > _SIGNIFICANT**2 * share * noise, bend, 0.0)
+    out = noise + bend
+    if not valid.all():
+        known, missing = np.argwhere(valid), np.argwhere(~valid)
+        near = [*range(1, min(_NEIGHBOURS, len(known)) + 1)]
+        _, index = cKDTree(known).query(missing, k=near)
+        steps = np.mean(np.square(windows.step) / np.square(windows.size))
+        off = (1 + 24 * _MEAN_SQUARE_STEPS / 6 * steps) ** 2
+        out[:, ~valid] = (noise + off * bend)[:, valid][:, index].mean(-1)
+    return np.sqrt(out)
+
+
+def _strides(windows: WindowGrid) -> list[int]:
+    """Vectors to about half a window along z, y, x; 0 where there are too few."""
+    return [
+        min(max(1, round(size / (2 * step))), (count - 1) // 2)
+        for size, step, count in zip(windows.size, windows.step, windows.shape, strict=True)
+    ]
+
+
+def _bend(size: int, step: int, stride: int) -> float:
+    """n^2/24 d'' from a second difference over ``stride`` vectors."""
+    return (size / (step * stride)) ** 2 / 24 if stride else 0.0
