@@ -5,9 +5,10 @@ fixed place and through all of the zone, not the particle. Such blobs repeat fro
 microlenses and pull every window that holds them toward zero displacement or a multiple of the pitch. Beyond the zone
 the blur |A| P_m spans |z|/z0 microlenses, and that many places of its edge tell where the particle is.
 
-Planes are therefore weighed by (|z| / (reach z0))^2 up to |z| = reach z0 before they are correlated. Measured on
-synthetic recordings (docs/accuracy.md): with reach 3 the errors of the windows at focus fall two- to fourfold in-plane
-and by a third in depth; 2 and 4 are nearly as good, leaving the zone out altogether is worse in depth.
+Planes are therefore weighed by (|z| / (reach z0))^2 up to |z| = reach z0 before they are correlated. In uniform and
+sheared flows the errors of the windows at focus fall two- to threefold in-plane and by a fifth in depth; a longer reach
+does more for depth, but where the flow curves along z a window at focus then speaks of its ends more than of its middle
+(docs/decisions/0012, with the measurements).
 """
 
 from __future__ import annotations

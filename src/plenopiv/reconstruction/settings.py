@@ -28,5 +28,5 @@ class ReconstructionSettings:
     weights: Weights = "exact"
     threshold: float | None = None
     tolerance_px: float = 3.0
-    focus_reach: float = 3.0
+    focus_reach: float = 1.5
     seed: int = 0
