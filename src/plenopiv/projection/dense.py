@@ -10,7 +10,6 @@ import numpy as np
 from numba import prange
 
 from plenopiv.kernels import kernel, parallel_kernel
-from plenopiv.projection.footprint import TIP
 from plenopiv.projection.pixels import (
     EXACT,
     ONE_RAY,
@@ -20,6 +19,7 @@ from plenopiv.projection.pixels import (
     plane_of,
     ray_inside,
     ray_share,
+    reach_of,
     strip_share,
 )
 
@@ -64,11 +64,10 @@ def footprint_of(geo, plane, rule, s, t, qx, qy):
     """Where a pixel's light comes from in a plane: centre and half widths (voxels, x and y) of the box around it."""
     cx = plane.voxel_s * s + plane.step_x * qx - geo.x0
     cy = plane.voxel_t * t + plane.step_y * qy - geo.y0
-    half = plane.half if rule == EXACT else F(0.67) * plane.half * (abs(geo.cos) + abs(geo.sin))
-    wide, high = (F(0.5), TIP) if geo.hexagonal else (F(0.5), F(0.5))
+    wide, high = reach_of(geo, plane, rule)
     c, s = abs(geo.cos), abs(geo.sin)
-    reach_x = (c * (wide + half) + s * (high + half)) / abs(plane.cell_x)
-    reach_y = (c * (high + half) + s * (wide + half)) / abs(plane.cell_y)
+    reach_x = (c * wide + s * high) / abs(plane.cell_x)
+    reach_y = (c * high + s * wide) / abs(plane.cell_y)
     return cx, cy, reach_x, reach_y
 
 

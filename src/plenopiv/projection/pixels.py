@@ -41,6 +41,14 @@ def floor_of(x):
     return i - 1 if F(i) > x else i
 
 
+@kernel
+def reach_of(geo, plane, rule):
+    """How far from a microlens' centre (cells, along and across rows) a footprint's centre may be and still meet it."""
+    half = plane.half if rule == EXACT else F(0.67) * plane.half * (abs(geo.cos) + abs(geo.sin))
+    half += abs(geo.turn) * (half + F(0.6))
+    return F(0.5) + half, (TIP if geo.hexagonal else F(0.5)) + half
+
+
 @inlined
 def patch_area(geo, x, y, half_x, half_y):
     """Area of a patch centred at (x, y) cells in the microlens' cell.

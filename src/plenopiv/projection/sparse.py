@@ -16,7 +16,6 @@ import numpy as np
 from numba import prange
 
 from plenopiv.kernels import kernel, parallel_kernel
-from plenopiv.projection.footprint import TIP
 from plenopiv.projection.pixels import (
     EXACT,
     ONE_RAY,
@@ -25,6 +24,7 @@ from plenopiv.projection.pixels import (
     plane_of,
     ray_inside,
     ray_share,
+    reach_of,
     rim_share,
 )
 
@@ -32,14 +32,6 @@ BLOCK = 128  # voxels worked on at once
 PAIRS = 512  # pairs of a voxel and a lens worked on at once
 F = np.float32
 PX = F(2.0**-32)  # of the clock's ticks
-
-
-@kernel
-def reach_of(geo, plane, rule):
-    """How far from a microlens' centre (cells, along and across rows) a footprint's centre may be and still meet it."""
-    half = plane.half if rule == EXACT else F(0.67) * plane.half * (abs(geo.cos) + abs(geo.sin))
-    half += abs(geo.turn) * (half + F(0.6))
-    return F(0.5) + half, (TIP if geo.hexagonal else F(0.5)) + half
 
 
 @kernel
