@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
+from plenopiv.displacement.agreement import agreement
 from plenopiv.displacement.correlation import WindowCorrelator, fade
 from plenopiv.displacement.deformation import DeformedPlanes
 from plenopiv.displacement.peaks import find_peaks, gaussian_offset
@@ -59,7 +60,7 @@ def test_settings_out_of_range(choice, key):
 
 def naive_correlation(a, b, weight, search):
     """Direct sums over the window, wrapped around, divided by the overlap of the weights."""
-    a, b = (a - a.mean()) * weight, (b - b.mean()) * weight
+    a, b = (weight * (v - (v * weight).sum() / weight.sum()) for v in (a, b))
     one_d = [weight[:, weight.shape[1] // 2, weight.shape[2] // 2]]
     one_d += [weight[weight.shape[0] // 2, :, weight.shape[2] // 2], weight[weight.shape[0] // 2, weight.shape[1] // 2]]
     out = np.zeros([2 * r + 3 for r in search])
@@ -76,20 +77,92 @@ def naive_correlation(a, b, weight, search):
     return out
 
 
+def normalised(correlator, a, b, cuts=None):
+    spectra = correlator.spectra(a, b, cuts)
+    return correlator.correlation(spectra) * spectra.gain
+
+
 @pytest.mark.parametrize("taper", [0.0, 2.0])
 def test_correlation_is_the_direct_sum(taper):
+    """Of whole windows, and of one cut at both ends of different axes beside one that is whole."""
     rng = np.random.default_rng(3)
-    a, b = rng.random((2, 6, 7, 9)).astype(np.float32)
-    z, y, x = (fade(n, taper) for n in a.shape)
-    expected = naive_correlation(a.astype(float), b.astype(float), z[:, None, None] * y[:, None] * x, (1, 2, 2))
-    got = WindowCorrelator(a.shape, (1, 2, 2), taper=taper)(a[None], b[None])[0]
-    np.testing.assert_allclose(got, expected, atol=2e-5 * np.abs(expected).max())
+    a, b = rng.random((2, 2, 6, 7, 9)).astype(np.float32)
+    cuts = np.zeros((2, 3, 2))
+    cuts[1] = [(1.0, 0.0), (0.0, 1.5), (0.6, 2.2)]
+    correlator = WindowCorrelator(a.shape[1:], (1, 2, 2), taper=taper)
+    both, whole = normalised(correlator, a, b, cuts), normalised(correlator, a, b)
+    np.testing.assert_array_equal(both[0], whole[0])
+    for got, n, cut in ((both[0], 0, cuts[0]), (both[1], 1, cuts[1])):
+        z, y, x = (fade(size, taper, *c) for size, c in zip(a.shape[1:], cut, strict=True))
+        weight = z[:, None, None] * y[:, None] * x
+        expected = naive_correlation(a[n].astype(float), b[n].astype(float), weight, (1, 2, 2))
+        np.testing.assert_allclose(got, expected, atol=2e-5 * np.abs(expected).max())
+
+
+def test_what_is_cut_makes_no_difference():
+    rng = np.random.default_rng(8)
+    a, b = rng.random((2, 1, 8, 9, 10)).astype(np.float32)
+    cuts = np.array([[(2.0, 0.0), (0.0, 3.0), (1.0, 0.0)]])
+    correlator = WindowCorrelator((8, 9, 10), (1, 2, 2), whitening=0.5, taper=2.0)
+    before = normalised(correlator, a, b, cuts)
+    for v in (a, b):
+        v[:, :2], v[:, :, 6:], v[..., 0] = 9.0, -7.0, 5.0
+    np.testing.assert_allclose(normalised(correlator, a, b, cuts), before, rtol=1e-4, atol=1e-5 * before.max())
+
+
+def test_fade_of_a_cut_axis():
+    np.testing.assert_allclose(fade(8, 0.0, 1.0, 2.6), [0, 1, 1, 1, 1, 0, 0, 0])
+    expected = np.sin(np.pi / 4 * np.array([0, 0.5, 1.5, 2, 2, 1.5, 0.5, 0])) ** 2
+    np.testing.assert_allclose(fade(8, 2.0, 1.0, 1.0), expected, atol=1e-12)
+
+
+def naive_agreement(a, b):
+    """Cell by cell and voxel by voxel, for an axis that is a multiple of four voxels."""
+    cells = [n // 4 for n in a.shape]
+    light = np.zeros((2, *cells))
+    for at in np.ndindex(*a.shape):
+        light[(slice(None), *(k // 4 for k in at))] += (a[at], b[at])
+    q = np.zeros(cells)
+    energy = np.mean((light**2).sum(0) / 2)
+    for cell in np.ndindex(*cells):
+        common = either = 0.0
+        for step in np.ndindex(3, 3, 3):
+            near = tuple(min(max(c + s - 1, 0), n - 1) for c, s, n in zip(cell, step, cells, strict=True))
+            share = np.prod([(1, 2, 1)[s] / 4 for s in step])
+            common += share * light[0][near] * light[1][near]
+            either += share * (light[0][near] ** 2 + light[1][near] ** 2) / 2
+        q[cell] = common / (either + 1e-3 * energy)
+    centres = [4 * np.arange(n) + 1.5 for n in cells]
+    at = np.meshgrid(
+        *(np.clip(np.arange(n), c[0], c[-1]) for n, c in zip(a.shape, centres, strict=True)), indexing="ij"
+    )
+    return RegularGridInterpolator(centres, q)(np.stack(at, -1))
+
+
+def test_agreement_is_its_definition():
+    rng = np.random.default_rng(12)
+    a, b = rng.random((2, 8, 12, 16)) ** 4
+    got = agreement(a[None].astype(np.float32), b[None].astype(np.float32))[0]
+    # the floor is a share of the mean after 1 : 2 : 1, which at the ends is not that of the cells
+    np.testing.assert_allclose(got, naive_agreement(a, b), rtol=1e-3)
+
+
+def test_agreement_is_one_for_the_same_light_and_none_for_what_one_window_holds():
+    k = np.arange(32.0)
+    blob = lambda x: np.exp(-0.5 * ((k[:, None, None] - 16) ** 2 + (k[:, None] - 16) ** 2 + (k - x) ** 2))  # noqa: E731
+    a, b = blob(6)[None], (blob(6.2) + blob(26))[None]
+    q = agreement(a.astype(np.float32), b.astype(np.float32))[0]
+    assert q[16, 16, 6] > 0.95
+    assert q[16, 16, 26] < 0.01
+    dark = agreement(np.zeros((1, 9, 10, 11), np.float32), np.zeros((1, 9, 10, 11), np.float32))
+    assert dark.shape == (1, 9, 10, 11)
+    assert np.isfinite(dark).all()
 
 
 def test_variance_smooths_both_windows():
     a = np.zeros((32, 32, 32), np.float32)
     a[16, 16, 16] = 1
-    sharp, smooth = (WindowCorrelator(a.shape, (1, 1, 4), v)(a[None], a[None])[0, 2, 2] for v in (1.0, 2.0))
+    sharp, smooth = (normalised(WindowCorrelator(a.shape, (1, 1, 4), v), a[None], a[None])[0, 2, 2] for v in (1, 2))
     d = np.arange(-5, 6)
     overlap = 1 - np.abs(d) / 32
     for profile, variance in ((sharp, 1.0), (smooth, 2.0)):
@@ -104,6 +177,7 @@ def test_no_bias_toward_zero():
     n, shift, sigma = 16, 1.5, 1.0
     k = np.arange(n)
     total = 0.0
+    correlator = WindowCorrelator((n, n, n), (1, 1, 4))
     for _ in range(300):
         x = rng.uniform(-6, n + 6, (12, 3))
         light = [
@@ -115,9 +189,10 @@ def test_no_bias_toward_zero():
             )[None].astype(np.float32)
             for side in (-0.5, 0.5)
         ]
-        total = total + WindowCorrelator((n, n, n), (1, 1, 4))(*light)
+        spectra = correlator.spectra(*light)
+        total = total + correlator.correlation(spectra)
     d = np.zeros((1, 3))
-    find_peaks(np.ascontiguousarray(total), d, np.zeros(1, np.float32), np.zeros(1, bool))
+    find_peaks(np.ascontiguousarray(total), spectra.gain, d, np.zeros(1, np.float32), np.zeros(1, bool))
     assert abs(d[0, 0] - shift) < 0.02
     np.testing.assert_allclose(d[0, 1:], 0, atol=0.02)
 
@@ -129,7 +204,9 @@ def test_peak_is_where_the_second_window_went(whitening, axis, component):
     a = rng.random((1, 16, 16, 16)).astype(np.float32)
     b = np.roll(a, 3, axis + 1)
     d, ratio, found = np.zeros((1, 3)), np.zeros(1, np.float32), np.zeros(1, bool)
-    find_peaks(WindowCorrelator((16, 16, 16), (5, 5, 5), whitening=whitening)(a, b), d, ratio, found)
+    correlator = WindowCorrelator((16, 16, 16), (5, 5, 5), whitening=whitening)
+    spectra = correlator.spectra(a, b)
+    find_peaks(correlator.correlation(spectra), spectra.gain, d, ratio, found)
     expected = np.zeros(3)
     expected[component] = 3
     np.testing.assert_allclose(d[0], expected, atol=0.1)
@@ -150,10 +227,29 @@ def test_second_peak_and_slopes():
     c[1, 1, 1] = np.arange(21)  # rises beyond the search radius
     c[2] = -1.0
     d, ratio, found = np.zeros((3, 3)), np.zeros(3, np.float32), np.ones(3, bool)
-    find_peaks(c, d, ratio, found)
+    find_peaks(c, np.ones((1, 3, 3, 21), np.float32), d, ratio, found)
     assert d[0, 0] == pytest.approx(4 - 10)
     assert ratio[0] == pytest.approx(2.0)
     assert found.tolist() == [True, False, False]
+
+
+def test_peak_is_chosen_without_the_gain_and_placed_with_it():
+    """A chance peak far out, higher only after normalisation, does not win; a top that the gain moves is followed."""
+    x = np.arange(-10, 11)
+    shape = lambda top: np.exp(-0.5 * (x - top) ** 2)  # noqa: E731
+    narrow = np.exp(-0.5 * (np.arange(-1, 2)) ** 2)
+    c = ((shape(1.3) + 0.7 * shape(-9))[None, None] * narrow[:, None, None] * narrow[:, None])[None].repeat(2, 0)
+    gain = np.ones_like(c)
+    gain[0] = 1 + 0.1 * np.abs(x)
+    gain[1] = np.exp(0.4 * x)  # moves a Gaussian of unit variance by 0.4
+    assert (c * gain)[0, 1, 1, 1] > (c * gain)[0, 1, 1, 11]
+    d, ratio, found = np.zeros((2, 3)), np.zeros(2, np.float32), np.ones(2, bool)
+    find_peaks(c.astype(np.float32), gain.astype(np.float32), d, ratio, found)
+    assert d[0, 0] == pytest.approx(1.3, abs=0.1)
+    assert d[1, 0] == pytest.approx(1.7, abs=0.01)  # another voxel than the one found first
+    np.testing.assert_allclose(d[:, 1:], 0, atol=1e-6)
+    np.testing.assert_allclose(ratio, np.exp(-0.5 * 0.3**2) / 0.7, rtol=1e-4)
+    assert found.all()
 
 
 # --- predictor and deformation

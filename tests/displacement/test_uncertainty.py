@@ -40,20 +40,23 @@ def test_filtered_windows_multiply_to_the_correlation(whitening):
     """The plain products of the two filtered windows are exactly what the correlation sums."""
     correlator = ScatterCorrelator(SIZE, (2, 3, 2), variance=0.4, whitening=whitening, taper=2.0)
     a, b = noisy_windows()
-    expected = correlator(a, b)
-    fa, fb = correlator.filtered(a, b)
+    spectra = correlator.spectra(a, b)
+    expected = correlator.correlation(spectra)
+    fa, fb = correlator.filtered(spectra)
     for k, j, i in [(0, 0, 0), (1, -2, 1), (-2, 3, 0)]:
         product = (fa * np.roll(fb, (-k, -j, -i), (1, 2, 3))).sum((1, 2, 3))
-        got = product * correlator._gain[k + 3, j + 4, i + 3]
-        np.testing.assert_allclose(got, expected[:, k + 3, j + 4, i + 3], rtol=1e-3, atol=1e-5 * expected.max())
+        np.testing.assert_allclose(product, expected[:, k + 3, j + 4, i + 3], rtol=1e-3, atol=1e-5 * expected.max())
 
 
 def test_variance_is_the_jackknife_of_the_peak_fit():
-    """Against blocks cut out and peaks fitted one by one, in plain Python."""
+    """Against blocks cut out and peaks fitted one by one, in plain Python; the second window is cut at the volume."""
     correlator = ScatterCorrelator(SIZE, (2, 3, 2), variance=0.4, whitening=0.5, taper=2.0)
     a, b = noisy_windows(1)
-    got = correlator.variance(a, b, np.array([[1.1, 1.9, 0.0]] * 2))
-    fa, fb = (w.astype(float) for w in correlator.filtered(a, b))
+    cuts = np.zeros((2, 3, 2))
+    cuts[1, 2] = 3.0, 1.2
+    spectra = correlator.spectra(a, b, cuts)
+    got = correlator.variance(spectra, np.array([[1.1, 1.9, 0.0]] * 2))
+    fa, fb = (w.astype(float) for w in correlator.filtered(spectra))
     edges = [np.arange(n) * 4 // n for n in SIZE]
     shift = np.array([0, 2, 1])
     for w in range(2):
@@ -61,7 +64,7 @@ def test_variance_is_the_jackknife_of_the_peak_fit():
             step = np.eye(3, dtype=int)[axis]
             moved = np.roll(fb[w], -shift, (0, 1, 2))
             pairs = [np.roll(fa[w], -step, (0, 1, 2)) * moved, fa[w] * moved, fa[w] * np.roll(moved, -step, (0, 1, 2))]
-            gains = [correlator._gain[tuple(np.array([3, 4, 3]) + shift + s * step)] for s in (-1, 0, 1)]
+            gains = [spectra.gain[w][tuple(np.array([3, 4, 3]) + shift + s * step)] for s in (-1, 0, 1)]
             offsets = []
             for block in np.ndindex(4, 4, 4):
                 kept = np.ones(SIZE, bool)

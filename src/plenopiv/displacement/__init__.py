@@ -2,7 +2,8 @@
 
 settings.py     what the user may choose
 windows.py      where the windows lie
-correlation.py  one batch of windows: FFT, normalised by overlap
+agreement.py    where two deformed windows show the same particles
+correlation.py  one batch of windows: FFT, and its normalisation by overlap
 peaks.py        the peak and its sub-voxel position
 predictor.py    displacement between the vectors; the filter between passes
 deformation.py  both volumes sampled half a displacement apart

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.displacement.agreement import agreement
 from plenopiv.displacement.deformation import SPLINE_VARIANCE, DeformedPlanes
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.peaks import find_peaks
@@ -71,9 +72,10 @@ def correlation_pass(
     spread = np.zeros_like(moved)
     corners = list(product(windows.starts[1].tolist(), windows.starts[2].tolist()))
     batch = max(1, _BATCH_VOXELS // int(np.prod(size)))
-    exponent = settings.intensity_exponent
+    exponent, power = settings.intensity_exponent, settings.agreement
     if exponent != 1.0:
         a, b = CompressedVolume(a.grid, a, exponent), CompressedVolume(b.grid, b, exponent)
+    cuts = None if predictor is None else window_cuts(windows, predictor, a.grid.shape).reshape(nz, ny * nx, 3, 2)
     sources = (a, b) if predictor is None else (DeformedPlanes(a, predictor, -0.5), DeformedPlanes(b, predictor, 0.5))
     layers = zip(_layers(sources[0], windows), _layers(sources[1], windows), strict=True)
 
@@ -85,13 +87,19 @@ def correlation_pass(
                 cut_a, cut_b = (
                     np.stack([p[:, j : j + size[1], i : i + size[2]] for j, i in corners[part]]) for p in (pa, pb)
                 )
-                find_peaks(correlator(cut_a, cut_b), moved[layer, part], ratio[layer, part], found[layer, part])
+                if cuts is None:
+                    spectra = correlator.spectra(cut_a, cut_b)
+                else:
+                    trust = agreement(cut_a, cut_b) ** np.float32(power) if power else None
+                    spectra = correlator.spectra(cut_a, cut_b, cuts[layer, part], trust)
+                correlation = correlator.correlation(spectra)
+                find_peaks(correlation, spectra.gain, moved[layer, part], ratio[layer, part], found[layer, part])
                 # one bright voxel against rounding of an empty window is not a match
                 lit = (np.ptp(cut_a, axis=(1, 2, 3)) > 0) & (np.ptp(cut_b, axis=(1, 2, 3)) > 0)
                 found[layer, part] &= lit
                 moved[layer, part][~lit] = 0.0
                 if scatter:
-                    spread[layer, part] = correlator.variance(cut_a, cut_b, moved[layer, part])
+                    spread[layer, part] = correlator.variance(spectra, moved[layer, part])
                 ratio[layer, part][~lit] = 0.0
 
             list(pool.map(work, range(0, len(corners), batch)))
@@ -102,6 +110,26 @@ def correlation_pass(
         displacement = displacement + predictor.at(*windows.centres)
     shape = (nz, ny, nx)
     return PassResult(displacement, found.reshape(shape), ratio.reshape(shape), scattered if scatter else None)
+
+
+def window_cuts(windows: WindowGrid, predictor: SplineField, shape: tuple[int, int, int]) -> NDArray[np.float64]:
+    """Voxels (nz, ny, nx, 3, 2) that windows lose at their low and high ends along z, y, x.
+
+    Samples at x -+ d/2 both come from a volume of ``shape`` where x stays |d|/2 away from its faces. d is taken where
+    the window ends, the largest of nine points; at most a quarter of a window is cut.
+    """
+    places = []
+    for start, n in zip(windows.starts, windows.size, strict=True):
+        places.append((start[:, None] + np.array([0, n // 2, n - 1])).ravel())
+    nz, ny, nx = windows.shape
+    half = np.abs(predictor.at(*places)).reshape(3, nz, 3, ny, 3, nx, 3).transpose(0, 1, 3, 5, 2, 4, 6) / 2
+    out = np.zeros((nz, ny, nx, 3, 2))
+    for axis, (start, n, total) in enumerate(zip(windows.starts, windows.size, shape, strict=True)):
+        ends = np.moveaxis(half[2 - axis], 3 + axis, 0)
+        for side, (end, gap) in enumerate(((ends[0], start), (ends[2], total - n - start))):
+            gap = gap.reshape([-1 if k == axis else 1 for k in range(3)])
+            out[..., axis, side] = np.clip(end.max((-2, -1)) - gap, 0.0, n / 4)
+    return out
 
 
 @dataclass

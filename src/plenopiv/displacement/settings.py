@@ -22,6 +22,9 @@ class CorrelationSettings:
     ``intensity_exponent``: intensities are raised to this power first. Correlation weighs a particle by the square of
     its brightness; 0.5 lets many moderate particles count instead of a few bright ones.
     ``whitening``: exponent of symmetric phase-only filtering (Wernet 2005): 0 = plain correlation, 1 = phases alone.
+    ``agreement``: in deformed volumes each place counts by how far both show the same light there, to this power, so
+    that ghosts and lost particles count less (``displacement.agreement``). 0 lets all count alike; more is for flows
+    that change little across a window, as it holds on to the displacement of the pass before.
     ``search``: largest displacement that a pass may find, as a share of the window along each axis; the last window
     size looks for what remains within ``residual_search``.
     ``outlier_threshold``, ``outlier_floor_voxels``: normalised median test, Westerweel & Scarano (2005): a vector is
@@ -40,6 +43,7 @@ class CorrelationSettings:
     taper_voxels: float = 2.0
     intensity_exponent: float = 0.5
     whitening: float = 0.5
+    agreement: float = 0.0
     search: float = 0.375
     residual_search: float = 0.25
     outlier_threshold: float = 3.0
@@ -64,6 +68,7 @@ class CorrelationSettings:
             "taper_voxels": (0.0, 4.0),
             "intensity_exponent": (0.1, 2.0),
             "whitening": (0.0, 1.0),
+            "agreement": (0.0, 10.0),
             "search": (0.05, 0.45),
             "residual_search": (0.05, 0.45),
             "outlier_threshold": (0.5, 100.0),

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.spatial import cKDTree
 
-from plenopiv.displacement.correlation import WindowCorrelator
+from plenopiv.displacement.correlation import Spectra, WindowCorrelator
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.predictor import smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
@@ -43,14 +43,9 @@ _ALIASES = 4
 class ScatterCorrelator(WindowCorrelator):
     """A correlator that also tells how far the particles of a window agree about its peak."""
 
-    def variance(
-        self, a: NDArray[np.float32], b: NDArray[np.float32], moved: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Jackknife variance (batch, 3), voxel^2, along x, y, z, of the peaks ``moved`` (batch, 3) of ``a`` with ``b``.
-
-        ``a``, ``b``: windows (batch, nz, ny, nx) as given to the correlation.
-        """
-        a, b = self.filtered(a, b)
+    def variance(self, spectra: Spectra, moved: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Jackknife variance (batch, 3), voxel^2, along x, y, z, of the peaks ``moved`` (batch, 3) of a batch."""
+        a, b = self.filtered(spectra)
         peak = np.rint(moved).astype(np.int64)[:, ::-1]  # z, y, x
         for window, shift in zip(b, peak, strict=True):
             if shift.any():
@@ -59,31 +54,26 @@ class ScatterCorrelator(WindowCorrelator):
         blocks = np.array([max(1, min(_BLOCKS, n // 4)) for n in self.size])
         sums = np.zeros((len(a), int(blocks.prod()), 7))
         block_sums(a, b, blocks, sums)
-        middle = np.array(self._gain.shape) // 2 + peak
         star = np.array([(0, 0, 0), (0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0)])
-        gain = self._gain[tuple(np.moveaxis(middle[:, None] + star, -1, 0))]  # (batch, 7)
+        z, y, x = np.moveaxis(np.array(spectra.gain.shape[1:]) // 2 + peak[:, None] + star, -1, 0)  # (batch, 7) each
+        window = np.arange(len(a))[:, None] if len(spectra.gain) > 1 else 0
         out = np.zeros((len(a), 3))
-        jackknife_variance(sums * gain[:, None], out)
+        jackknife_variance(sums * spectra.gain[window, z, y, x][:, None], out)
         return out
 
-    def filtered(
-        self, a: NDArray[np.float32], b: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Both windows as the correlation sees them: R(d) / gain(d) is their plain circular sum of products.
+    def filtered(self, spectra: Spectra) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Both windows as the correlation sees them: R(d) is their plain circular sum of products.
 
         Each takes the square root of the factor that whitening and smoothing put on the cross spectrum.
         """
-        axes = (1, 2, 3)
-        first, second = (fft.rfftn(self._faded(w), axes=axes, workers=1) for w in (a, b))
-        factor = np.broadcast_to(self._filter, first.shape)
+        factor = np.broadcast_to(self._filter, spectra.first.shape)
         if self.whitening:
-            strength = np.abs(first) * np.abs(second)
-            strength += np.float32(1e-3) * strength.mean(axes, keepdims=True) + np.float32(1e-30)
-            factor = factor * strength ** np.float32(-self.whitening)
+            factor = factor * self._whitened(np.abs(spectra.first) * np.abs(spectra.second))
         root = np.sqrt(factor)
-        first *= root
-        second *= root
-        a, b = (fft.irfftn(s, self.size, axes=axes, workers=1, overwrite_x=True) for s in (first, second))
+        a, b = (
+            fft.irfftn(s * root, self.size, axes=(1, 2, 3), workers=1, overwrite_x=True)
+            for s in (spectra.first, spectra.second)
+        )
         return a, b
 
 
