@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import ceil
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+ROWS_AT_A_TIME = 4096  # bounds what long lists take beside themselves
 
 
 @dataclass(frozen=True)
@@ -92,11 +95,18 @@ class SparseVolume:
     @classmethod
     def from_mask(cls, grid: VoxelGrid, mask: NDArray[np.bool_], value: float = 1.0) -> SparseVolume:
         """The voxels where ``mask`` (nz, ny, nx) is True, all of one intensity."""
-        nz, ny, nx = grid.shape
-        rows = mask.reshape(nz * ny, nx)
-        start = np.zeros(nz * ny + 1, np.int64)
-        np.cumsum(np.count_nonzero(rows, axis=1), out=start[1:])
-        column = (np.flatnonzero(rows) % nx).astype(np.uint16)
+        return cls.from_planes(grid, mask, value)
+
+    @classmethod
+    def from_planes(cls, grid: VoxelGrid, planes: Iterable[NDArray[np.bool_]], value: float = 1.0) -> SparseVolume:
+        """The same from one plane (ny, nx) after the other: no list of indices longer than a plane's is made."""
+        counts, columns = [], []
+        for plane in planes:
+            counts.append(np.count_nonzero(plane, axis=1))
+            columns.append(np.nonzero(plane)[1].astype(np.uint16))
+        start = np.zeros(grid.shape[0] * grid.shape[1] + 1, np.int64)
+        np.cumsum(np.concatenate(counts), out=start[1:])
+        column = np.concatenate(columns)
         return cls(grid, start, column, np.full(column.size, value, np.float32))
 
     @property
@@ -116,8 +126,16 @@ class SparseVolume:
 
     def keeping(self, keep: NDArray[np.bool_]) -> SparseVolume:
         """Only the listed voxels where ``keep`` (one entry a listed voxel) is True."""
-        count = np.concatenate([[0], np.cumsum(keep)]).astype(np.int64)
-        return SparseVolume(self.grid, count[self.row_start], self.column[keep], self.values[keep])
+        start = np.empty_like(self.row_start)
+        start[0] = 0
+        for lo in range(0, self.row_start.size - 1, ROWS_AT_A_TIME):
+            rows = slice(lo, min(lo + ROWS_AT_A_TIME, self.row_start.size - 1))
+            first, last = self.row_start[rows.start], self.row_start[rows.stop]
+            kept = np.concatenate([[0], np.cumsum(keep[first:last])])
+            start[rows.start + 1 : rows.stop + 1] = (
+                start[rows.start] + kept[self.row_start[rows.start + 1 : rows.stop + 1] - first]
+            )
+        return SparseVolume(self.grid, start, self.column[keep], self.values[keep])
 
     def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
         """See ``Volume.slab``."""

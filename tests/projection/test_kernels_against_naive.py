@@ -101,23 +101,6 @@ def test_multiply(case, form):
     close(volume.values if form == "sparse" else volume[:, :, : GRID.shape[2]].ravel(), want)
 
 
-@pytest.mark.parametrize("tolerance", [0.55, 2.05])
-def test_candidates(case, tolerance):
-    lit = np.random.default_rng(6).random(case.where.seen.shape) < 0.96
-    dark = np.tensordot(case.shares, (~lit & case.where.seen).astype(float), 2)
-    decided = np.abs(dark - tolerance) > 1e-4
-    assert decided.mean() > 0.9
-    alive = case.projector.lit_voxels(lit, tolerance).dense().values.ravel() > 0
-    np.testing.assert_array_equal(alive[decided], (dark <= tolerance)[decided])
-
-
-def test_a_voxel_behind_a_dark_pixel_is_no_candidate(case):
-    """All pixels lit: every voxel stays, whatever the tolerance; none lit: none that any pixel sees."""
-    every = np.ones(case.where.seen.shape, bool)
-    assert case.projector.lit_voxels(every, 0.0).column.size == GRID.size
-    assert case.projector.lit_voxels(~every, 0.0).column.size == 0
-
-
 def test_sparse_volumes_may_leave_rows_and_planes_empty(case):
     mask = np.random.default_rng(7).random(GRID.shape) < 0.3
     mask[1], mask[3, 1] = False, False

@@ -7,10 +7,11 @@ from oracles.cameras import small_camera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField, layout
 from plenopiv.projection.projector import Projector
-from plenopiv.reconstruction.candidates import BRIGHT_SHARE, NOISE_MULTIPLE, dark_noise, lit_threshold
+from plenopiv.reconstruction.candidates import BRIGHT_SHARE, LIT_MULTIPLE, lit_threshold, most_light, typical_particle
 from plenopiv.reconstruction.chain import reconstruct
+from plenopiv.reconstruction.noise import Noise, dark_noise
 from plenopiv.reconstruction.settings import ReconstructionSettings
-from plenopiv.volume import VoxelGrid
+from plenopiv.volume import SparseVolume, VoxelGrid
 
 WHERE = layout(small_camera("square", pmr=8))
 GRID = VoxelGrid.covering((-0.2, 0.2), (-0.2, 0.2), (-1, 1), (0.044, 0.044, 0.1))
@@ -20,33 +21,48 @@ def field(values):
     return LightField(WHERE, np.where(WHERE.seen, values, 0).astype(np.float32))
 
 
-@pytest.mark.parametrize("sigma", [0.8, 3.0, 12.0])
-@pytest.mark.parametrize("lit_share", [0.0, 0.3])
-def test_dark_noise_is_that_of_dark_pixels(sigma, lit_share):
-    """Light adds to pixels above the black level, those below stay half a normal distribution."""
-    rng = np.random.default_rng(0)
-    light = np.where(rng.random(WHERE.seen.shape) < lit_share, 20 * sigma, 0.0)
-    assert dark_noise(field(rng.normal(0, sigma, WHERE.seen.shape) + light)) == pytest.approx(sigma, rel=0.05)
-
-
-def test_whole_counts_bias_the_noise_little():
-    values = np.rint(np.random.default_rng(0).normal(0, 2.0, WHERE.seen.shape))
-    assert dark_noise(field(values)) == pytest.approx(2.0, rel=0.15)
-
-
-def test_a_frame_without_noise():
-    assert dark_noise(field(np.full(WHERE.seen.shape, 7.0))) == 0.0
-    assert lit_threshold(field(np.zeros(WHERE.seen.shape))) == 1.0
-
-
 def test_threshold_stands_above_noise_and_below_light():
     rng = np.random.default_rng(1)
     noise = rng.normal(0, 4.0, WHERE.seen.shape)
     dark = field(noise)
-    assert lit_threshold(dark) == pytest.approx(NOISE_MULTIPLE * 4.0, rel=0.05)
-    assert np.mean(dark.values[WHERE.seen] > lit_threshold(dark)) < 0.003
+    assert lit_threshold(dark, Noise(dark_noise(dark))) == pytest.approx(LIT_MULTIPLE * 4.0, rel=0.05)
+    assert np.mean(dark.values[WHERE.seen] > lit_threshold(dark, Noise(dark_noise(dark)))) < 0.003
     bright = field(noise + 2000.0 * (rng.random(WHERE.seen.shape) < 0.2))
-    assert lit_threshold(bright) == pytest.approx(BRIGHT_SHARE * 2000.0, rel=0.05)
+    assert lit_threshold(bright, Noise(dark_noise(bright))) == pytest.approx(BRIGHT_SHARE * 2000.0, rel=0.05)
+
+
+def test_a_dark_frame_has_the_lowest_threshold():
+    assert lit_threshold(field(np.zeros(WHERE.seen.shape)), Noise(0.0)) == 1.0
+
+
+def test_a_saturated_pixel_bounds_nothing():
+    sensor = WHERE.camera.sensor
+    values = field(np.full(WHERE.seen.shape, sensor.full_scale - sensor.black_level))
+    assert np.isinf(most_light(values, Noise(1.0))[WHERE.seen]).all()
+    bound = most_light(field(np.full(WHERE.seen.shape, 96.0)), Noise(2.0, 1.0))
+    np.testing.assert_allclose(bound[WHERE.seen], 96 + 2 * 10)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.5])
+@pytest.mark.parametrize("share", [0.002, 0.01])
+def test_brightness_of_a_typical_particle(share, spread):
+    """<E^2>/<E> from the pixels alone, whatever the density, shot and read noise taken out."""
+    where = layout(small_camera("hexagonal", pmr=8, microlenses=(40, 34)))
+    grid = VoxelGrid.covering((-0.8, 0.8), (-0.7, 0.7), (-2, 2), (0.022, 0.022, 0.1))
+    projector, rng = Projector(where, grid, "exact"), np.random.default_rng(0)
+    volume = SparseVolume.from_mask(grid, rng.random(grid.shape) < share)
+    light = 20_000.0 * (1 + spread * rng.uniform(-1.0, 1.0, volume.column.size))
+    volume = volume.with_values(light.astype(np.float32))
+    values = np.array([projector.forward(view, volume) for view in range(projector.views)])
+    values = 0.4 * rng.poisson(values / 0.4) + rng.normal(0, 2.0, values.shape)
+    lightfield = LightField(where, np.where(where.seen, values, 0).astype(np.float32))
+    want = np.mean(light**2) / np.mean(light)
+    assert typical_particle(lightfield, projector, Noise(2.0, 0.4)) == pytest.approx(want, rel=0.1)
+
+
+def test_no_typical_particle_where_no_pixel_sees_the_volume_alone():
+    grid = VoxelGrid.covering((-0.05, 0.05), (-0.05, 0.05), (-3, 3), (0.022, 0.022, 0.1))
+    assert typical_particle(field(np.ones(WHERE.seen.shape)), Projector(WHERE, grid), Noise(0.0)) == 0.0
 
 
 def test_a_frame_without_particles():
@@ -61,7 +77,7 @@ def test_a_frame_in_which_nothing_fits_together():
     """Single lit pixels are no particle: no voxel is behind lit pixels alone."""
     lit = np.random.default_rng(2).random(WHERE.seen.shape) < 0.01
     projector = Projector(WHERE, GRID, "1-ray")
-    settings = ReconstructionSettings(tolerance_px=0.0)
+    settings = ReconstructionSettings(candidates="product")
     with pytest.raises(PlenoPIVError, match=r'^frame_7: dense ray tracing leaves no voxel.*threshold.*"mart"'):
         reconstruct(field(100.0 * lit), projector, settings, name="frame_7")
 

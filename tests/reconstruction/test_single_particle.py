@@ -7,7 +7,9 @@ from oracles.cameras import small_camera
 
 from plenopiv.lightfield import decode, layout
 from plenopiv.projection.projector import Projector
+from plenopiv.reconstruction.candidates import dark_to_light, most_light
 from plenopiv.reconstruction.chain import reconstruct
+from plenopiv.reconstruction.noise import Noise
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.sensor import upright
 from plenopiv.simulation.images import particle_image
@@ -89,7 +91,7 @@ def test_the_papers_product_keeps_the_true_voxel(kind, place):
     where = LAYOUTS[kind]
     projector = Projector(where, GRID, "1-ray")
     lightfield = decode(image_of(kind, place), where)
-    alive = projector.lit_voxels(lightfield.values > 0, 0.0).dense().values > 0
+    alive = projector.voxels_within(dark_to_light(lightfield, 0.0), 1.0).dense().values > 0
     k, j, i = (int(np.argmin(np.abs(axis - p))) for axis, p in zip(GRID.axes()[::-1], place[::-1], strict=True))
     assert alive[k, j, i]
     assert alive.mean() < 2e-3
@@ -99,15 +101,21 @@ def test_the_papers_product_keeps_the_true_voxel(kind, place):
     assert np.abs(z - k).max() <= 6
 
 
-def test_tolerance_keeps_a_true_voxel_that_lost_a_pixel():
-    place = PLACES[0]
-    where = LAYOUTS["square"]
-    projector = Projector(where, GRID, "exact")
-    lit = decode(image_of("square", place), where).values > 0
-    k, j, i = (int(np.argmin(np.abs(axis - p))) for axis, p in zip(GRID.axes()[::-1], place[::-1], strict=True))
-    view, lens = np.argwhere(lit)[lit.sum() // 2]
-    lit[view, lens] = False
-    assert projector.lit_voxels(lit, 1.5).dense().values[k, j, i] > 0
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+@pytest.mark.parametrize("place", PLACES, ids=str)
+def test_the_bound_keeps_a_noisy_particle(kind, place):
+    """One of the voxels next to the particle stays, and few others do, although every pixel is noisy."""
+    where = LAYOUTS[kind]
+    grid = VoxelGrid.covering((-0.25, 0.25), (-0.25, 0.25), (-1.5, 1.5), (VOXEL / 2, VOXEL / 2, 0.05))
+    projector = Projector(where, grid, "exact")
+    image = image_of(kind, place, 60_000.0)
+    noisy = np.random.default_rng(0).normal(image, 2 + np.sqrt(image))
+    lightfield, noise = decode(noisy, where), Noise(2.0, 1.0)
+    first = np.floor((np.array(place) - grid.first_mm) / grid.voxel_mm).astype(int)
+    around = tuple(slice(n, n + 2) for n in first[::-1])
+    kept = projector.voxels_within(most_light(lightfield, noise), 0.5 * 60_000.0).dense().values > 0
+    assert kept[around].any()
+    assert kept.mean() < 0.05
 
 
 def test_results_do_not_depend_on_threads():

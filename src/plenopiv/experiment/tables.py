@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, WithJsonSchema, model_validator
 
 from plenopiv.displacement.settings import CorrelationSettings
-from plenopiv.reconstruction.settings import Method, ReconstructionSettings, Weights
+from plenopiv.reconstruction.settings import Candidates, Method, ReconstructionSettings, Weights
 
 PositiveFloat = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -148,15 +148,15 @@ class VolumeTable(Table):
 class ReconstructionTable(Table):
     """``[reconstruction]``: keys and defaults of ``reconstruction.settings.ReconstructionSettings``.
 
-    ``threshold`` (counts above the black level) decides which pixels are lit; automatic where absent.
+    ``threshold`` (counts above the black level) is chosen by the program where absent.
     """
 
     method: Method = ReconstructionSettings.method
     iterations: Annotated[int, Field(ge=1, le=1000)] = ReconstructionSettings.iterations
     relaxation: Annotated[float, Field(gt=0, le=1)] = ReconstructionSettings.relaxation
     weights: Weights = ReconstructionSettings.weights
+    candidates: Candidates = ReconstructionSettings.candidates
     threshold: NotNegative | None = None
-    tolerance_px: NotNegative = ReconstructionSettings.tolerance_px
     focus_reach: NotNegative = ReconstructionSettings.focus_reach
     seed: Annotated[int, Field(ge=0)] = ReconstructionSettings.seed
 
@@ -179,6 +179,7 @@ class CorrelationTable(Table):
     taper_voxels: float = CorrelationSettings.taper_voxels
     intensity_exponent: float = CorrelationSettings.intensity_exponent
     whitening: float = CorrelationSettings.whitening
+    agreement: float = CorrelationSettings.agreement
     search: float = CorrelationSettings.search
     residual_search: float = CorrelationSettings.residual_search
     outlier_threshold: float = CorrelationSettings.outlier_threshold

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from plenopiv.kernels import kernel, parallel_kernel
+from plenopiv.kernels import inlined, kernel, parallel_kernel
 from plenopiv.projection.pixels import (
     EXACT,
     ONE_RAY,
@@ -27,26 +27,35 @@ LANES = 16  # voxels of a row computed at once: the widest float32 vector
 F = np.float32
 
 
+@inlined
+def outward(x, by):
+    """``x`` moved away from 0."""
+    return x + by if x >= F(0) else x - by
+
+
 @kernel
-def row_weights(geo, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, n, weight):
+def row_weights(geo, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, out_x, out_y, n, weight):
     """Shares of a pixel for voxels in a row: voxel i lies (x0 + i step_x, y0 + i step_y) cells off its footprint's
     centre.
 
     Computes whole vectors of LANES voxels, so that no scalar remainder is left: n is a multiple of LANES. Voxels
-    outside the footprint get 0. ``share``: of the pixel that is lit, for a single ray.
+    outside the footprint get 0. ``share``: of the pixel that is lit, for a single ray. ``out_x``, ``out_y``: cells by
+    which an exact area is taken further out than the voxel's centre.
     """
     for b in range(0, n, LANES):
         part = weight[b : b + LANES]
         if rule == EXACT and not rim:
             for i in range(LANES):
                 f = F(b + i)
-                part[i] = pixel_share(geo, plane, x0 + f * step_x, y0 + f * step_y)
+                x, y = outward(x0 + f * step_x, out_x), outward(y0 + f * step_y, out_y)
+                part[i] = pixel_share(geo, plane, x, y)
         elif rule == EXACT:
             part[:] = F(0)
             for strip in range(STRIPS):
                 for i in range(LANES):
                     f = F(b + i)
-                    part[i] += strip_share(geo, plane, qx, qy, strip, x0 + f * step_x, y0 + f * step_y)
+                    x, y = outward(x0 + f * step_x, out_x), outward(y0 + f * step_y, out_y)
+                    part[i] += strip_share(geo, plane, qx, qy, strip, x, y)
         elif rule == ONE_RAY:
             for i in range(LANES):
                 f = F(b + i)
@@ -98,7 +107,9 @@ def forward(geo, table, rule, rim, m, n, lens_mm, phase, share, seen, chunks, vo
                         continue
                     ox, oy = plane.cell_x * (F(i0) - cx), plane.cell_y * (F(j) - cy)
                     x0, y0 = geo.cos * ox + geo.sin * oy, geo.cos * oy - geo.sin * ox
-                    row_weights(geo, plane, rule, rim, share[lens], qx, qy, x0, y0, step_x, step_y, lanes, weight)
+                    row_weights(
+                        geo, plane, rule, rim, share[lens], qx, qy, x0, y0, step_x, step_y, F(0), F(0), lanes, weight
+                    )
                     for i in range(lanes):
                         total += weight[i] * row[i]
                 image[lens] += plane.light * total
@@ -137,7 +148,7 @@ def spread_back(geo, plane, rule, rim, m, n, lens_mm, phase, share, seen, image,
                 continue
             ox, oy = plane.cell_x * (F(i0) - cx), plane.cell_y * (F(j) - cy)
             x0, y0 = geo.cos * ox + geo.sin * oy, geo.cos * oy - geo.sin * ox
-            row_weights(geo, plane, rule, rim, share[lens], qx, qy, x0, y0, step_x, step_y, lanes, weight)
+            row_weights(geo, plane, rule, rim, share[lens], qx, qy, x0, y0, step_x, step_y, F(0), F(0), lanes, weight)
             row = out[j, i0 : i0 + lanes]
             for i in range(lanes):
                 row[i] += weight[i] * value
@@ -169,42 +180,3 @@ def multiply(geo, table, rule, rim, m, n, lens_mm, phase, share, seen, image, vo
         for j in range(ny):
             for i in range(nx):
                 values[j, i] *= max(F(1) + total[j, i], F(0))
-
-
-@parallel_kernel
-def candidates(geo, table, rule, rim, offsets, order, lens_mm, phase, share, seen, lit, tolerance, alive):
-    """Voxels whose light falls on lit pixels, all but ``tolerance`` of it: ``alive`` (nz, ny, nx) 1, else 0.
-
-    ``lit`` and ``seen`` are (view, lens); views are tried in ``order``, and a voxel is dropped as soon as it can no
-    longer qualify.
-    """
-    nz, ny, nx = alive.shape
-    for k in prange(nz):
-        weight = np.empty(nx + LANES, np.float32)
-        dark = np.zeros((ny, nx), np.float32)
-        image = np.empty(lit.shape[1], np.float32)
-        plane, where = plane_of(table, k), alive[k]
-        for view in order:
-            for lens in range(image.size):
-                image[lens] = F(0) if lit[view, lens] else F(1)
-            m, n = F(offsets[view, 0]), F(offsets[view, 1])
-            spread_back(
-                geo,
-                plane,
-                rule,
-                rim[view],
-                m,
-                n,
-                lens_mm,
-                phase,
-                share[view],
-                seen[view],
-                image,
-                where,
-                weight,
-                dark,
-            )
-            for j in range(ny):
-                for i in range(nx):
-                    if dark[j, i] > tolerance:
-                        where[j, i] = F(0)

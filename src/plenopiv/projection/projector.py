@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from math import pi
+
 import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.lightfield import Layout
-from plenopiv.projection import dense, geometry, pixels, sparse
+from plenopiv.projection import dense, geometry, pixels, pruning, sparse
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 RULES = {"1-ray": pixels.ONE_RAY, "9-rays": pixels.NINE_RAYS, "exact": pixels.EXACT}
 CHUNKS = 64  # of microlenses or of rows of voxels, shared out among threads
 NOTHING = np.empty(1, np.float32)
 PARTIAL_IMAGES = 16  # of sparse sums
+SLAB = 16  # planes pruned at once
 DENSE_ABOVE = 0.3  # share of voxels listed from which dense kernels are the faster ones (measured)
 
 
@@ -42,9 +46,19 @@ class Projector:
         return self.layout.views
 
     @property
+    def whole_views(self) -> NDArray[np.int64]:
+        """The views whose pixels lie inside the aperture under every microlens."""
+        return np.flatnonzero(~self._rim)
+
+    @property
+    def light_in_focus(self) -> float:
+        """Share of a particle's light in focus that a wholly lit pixel collects."""
+        return 1 / (pi * self.layout.camera.aperture_radius_px**2)
+
+    @property
     def light_share(self) -> float:
         """Share of a voxel's light that its brightest possible pixel collects."""
-        return float(self._planes[:, geometry.Plane._fields.index("light")].max())
+        return float(self.light_of_planes().max())
 
     def allocate(self, value: float = 0.0) -> NDArray[np.float32]:
         """A dense volume of one value."""
@@ -55,7 +69,9 @@ class Projector:
 
     def every_voxel(self) -> SparseVolume:
         """All voxels of the grid, each of value 1."""
-        return SparseVolume.from_mask(self.grid, np.ones(self.grid.shape, bool))
+        return SparseVolume.from_planes(
+            self.grid, (np.ones(self.grid.shape[1:], bool) for _ in range(self.grid.shape[0]))
+        )
 
     def working_form(self, volume: SparseVolume) -> NDArray[np.float32] | SparseVolume:
         """The volume in the form in which its views are computed sooner: dense unless few voxels are listed."""
@@ -70,7 +86,8 @@ class Projector:
         if isinstance(volume, SparseVolume):
             return volume.keeping(volume.values > faintest)
         inside = volume[:, :, : self.grid.shape[2]]
-        return SparseVolume.from_mask(self.grid, inside > faintest).with_values(inside[inside > faintest])
+        values = np.concatenate([plane[plane > faintest] for plane in inside])
+        return SparseVolume.from_planes(self.grid, (plane > faintest for plane in inside)).with_values(values)
 
     def forward(self, view: int, volume: NDArray[np.float32] | SparseVolume) -> NDArray[np.float32]:
         """The volume's light in one view, (lens,); 0 where the pixel is no equation."""
@@ -104,30 +121,59 @@ class Projector:
         else:
             dense.multiply(*self._dense(view), correction.astype(np.float32), volume)
 
-    def lit_voxels(self, lit: NDArray[np.bool_], tolerance_px: float) -> SparseVolume:
-        """The voxels of whose light no more than ``tolerance_px`` pixels' worth falls on pixels that are not ``lit``.
+    def light_of_planes(self) -> NDArray[np.float32]:
+        """Share of a voxel's light that a wholly lit pixel collects, by plane (nz,)."""
+        return self._planes[:, geometry.Plane._fields.index("light")]
 
-        ``lit`` is (view, lens). Views are tried from the rim of the aperture inwards, where they differ most.
+    def sharpness(self) -> NDArray[np.float64]:
+        """Of a voxel's share of a pixel, by plane: its sum and its squares' sum over all voxels of an endless plane,
+        and the largest, (nz, 3)."""
+        out = np.empty((self.grid.shape[0], 3))
+        pruning.sharpness_of_planes(self._rows, self._planes, out)
+        cells = self._planes[:, [geometry.Plane._fields.index(c) for c in ("cell_x", "cell_y")]]
+        out[:, :2] /= np.abs(cells[:, :1] * cells[:, 1:])
+        return out
+
+    def looks_through(self, view: int) -> NDArray[np.bool_]:
+        """The lenses (lens,) whose pixel in a view meets every plane inside the grid."""
+        where, (nz, ny, nx) = self.layout, self.grid.shape
+        m, n = where.offsets[view]
+        inside = where.seen[view].copy()
+        for k in (0, nz - 1):
+            plane = geometry.Plane(*self._planes[k].astype(np.float64))
+            column = plane.voxel_s * self._lens_mm[:, 0] + plane.step_x * (m - where.phase[:, 0]) - self._rows.x0
+            row = plane.voxel_t * self._lens_mm[:, 1] + plane.step_y * (where.phase[:, 1] - n) - self._rows.y0
+            inside &= (column >= 0) & (column <= nx - 1) & (row >= 0) & (row <= ny - 1)
+        return inside
+
+    def voxels_within(self, bound: NDArray[np.float32], particle: float) -> SparseVolume:
+        """The voxels in which a particle of ``particle`` counts gives no pixel more than ``bound`` (view, lens).
+
+        Views that lie inside the aperture come first, the outermost of them before the others: they differ most and are
+        quicker to compute than those at its rim. Exact weights are the least within
+        a voxel.
         """
         where = self.layout
-        order = np.argsort(-np.hypot(*where.offsets.T), kind="stable")
-        volume = self.allocate(1.0)
-        dense.candidates(
-            self._rows,
-            self._planes,
-            self.rule,
-            self._rim,
-            where.offsets,
-            order,
-            self._lens_mm,
-            where.phase,
-            where.fill,
-            where.seen,
-            lit,
-            np.float32(tolerance_px),
-            volume,
-        )
-        return SparseVolume.from_mask(self.grid, volume[:, :, : self.grid.shape[2]] > 0)
+        order = np.lexsort((-np.hypot(*where.offsets.T), self._rim))
+        bound = np.where(where.seen, bound, np.float32(np.inf))
+        largest = self.sharpness()[:, 2].astype(np.float32)
+        if self.rule != pixels.EXACT:
+            largest[:] = 1.0
+        move = self._planes[:, geometry.Plane._fields.index("move")]
+        blur = 0.5 * np.abs(np.gradient(move)) if move.size > 1 else np.zeros(1)
+        parameters = where.offsets, order, self._lens_mm, where.phase, where.fill, bound, np.float32(particle)
+        nz, ny, nx = self.grid.shape
+
+        def planes() -> Iterator[NDArray[np.bool_]]:
+            for lo in range(0, nz, SLAB):
+                slab = slice(lo, min(lo + SLAB, nz))
+                alive = np.zeros((slab.stop - lo, ny, nx + dense.LANES), np.uint8)
+                alive[:, :, :nx] = 1
+                table, most, half_step = self._planes[slab], largest[slab], blur[slab].astype(np.float32)
+                pruning.prune(self._rows, table, most, self.rule, self._rim, *parameters, half_step, alive)
+                yield from alive[:, :, :nx] > 0
+
+        return SparseVolume.from_planes(self.grid, planes())
 
     def _row_chunks(self, volume: SparseVolume, count: int) -> NDArray[np.int64]:
         """Bounds of ``count`` runs of rows with about as many listed voxels each."""

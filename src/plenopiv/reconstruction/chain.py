@@ -9,8 +9,15 @@ import numpy as np
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField
 from plenopiv.projection.projector import Projector
-from plenopiv.reconstruction.candidates import dark_noise, lit_threshold
+from plenopiv.reconstruction.candidates import (
+    FAINTEST_PARTICLE,
+    dark_to_light,
+    lit_threshold,
+    most_light,
+    typical_particle,
+)
 from plenopiv.reconstruction.mart import Progress, mart
+from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, Noise, dark_noise
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.volume import SparseVolume
 
@@ -24,12 +31,15 @@ FAINTEST = 0.2  # of the dark noise: a voxel that gives less than this in each o
 class Reconstruction:
     """A reconstructed volume and how it was reached.
 
-    ``threshold`` counts; ``candidates`` the share of voxels that DRT left; ``residuals`` RMS in counts met by each
-    round.
+    ``threshold`` counts, ``particle`` counts of a typical particle in a pixel that it lights wholly in focus (0 where
+    it was not measured), ``noise`` of the pixels; ``candidates`` the share of voxels that DRT left; ``residuals`` RMS
+    in counts met by each round.
     """
 
     volume: SparseVolume
     threshold: float
+    particle: float
+    noise: Noise
     candidates: float
     residuals: tuple[float, ...]
 
@@ -39,26 +49,33 @@ def reconstruct(
     projector: Projector,
     settings: ReconstructionSettings,
     *,
+    counts_per_electron: float = NO_WHITE_IMAGE,
     name: str = "frame",
     progress: Progress | None = None,
 ) -> Reconstruction:
-    """Reconstruct one frame.
+    """Reconstruct one frame. ``counts_per_electron``: of its shot noise (``noise.counts_per_electron``).
 
     Raises:
         PlenoPIVError: the frame ``name`` shows no particles.
     """
-    threshold = lit_threshold(lightfield) if settings.threshold is None else settings.threshold
-    lit = lightfield.values > threshold
+    noise = Noise(dark_noise(lightfield), counts_per_electron)
+    threshold = lit_threshold(lightfield, noise) if settings.threshold is None else settings.threshold
     clearly_lit = np.count_nonzero(lightfield.values > CLEARLY * threshold)
     if clearly_lit < FEWEST_LIT * np.count_nonzero(lightfield.layout.seen):
         raise PlenoPIVError(
             f"{name}: no particles: hardly a pixel is {CLEARLY * threshold:.0f} counts above the black level; "
             "check the exposure, sensor.black_level and reconstruction.threshold"
         )
-    if settings.method == "drt-mart":
-        volume = projector.lit_voxels(lit, settings.tolerance_px)
-    else:
+    particle = 0.0
+    if settings.method == "mart":
         volume = projector.every_voxel()
+    elif settings.candidates == "product":
+        volume = projector.voxels_within(dark_to_light(lightfield, threshold), 1.0)
+    else:
+        particle = typical_particle(lightfield, projector, noise) * projector.light_in_focus
+        if settings.threshold is None:
+            threshold = max(FAINTEST_PARTICLE * particle, threshold)
+        volume = projector.voxels_within(most_light(lightfield, noise), threshold / projector.light_in_focus)
     alive = volume.column.size
     if alive == 0:
         raise PlenoPIVError(
@@ -66,7 +83,7 @@ def reconstruct(
             'or use reconstruction.method = "mart"'
         )
     volume.values[:] = max(float(lightfield.values.sum(dtype=np.float64)), 1.0) / alive
-    floor = max(dark_noise(lightfield), SMALLEST_FLOOR)
+    floor = max(noise.dark, SMALLEST_FLOOR)
     volume, residuals = mart(
         lightfield.values,
         projector,
@@ -78,4 +95,4 @@ def reconstruct(
         seed=settings.seed,
         progress=progress,
     )
-    return Reconstruction(volume, threshold, alive / projector.grid.size, tuple(residuals))
+    return Reconstruction(volume, threshold, particle, noise, alive / projector.grid.size, tuple(residuals))

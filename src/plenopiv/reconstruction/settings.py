@@ -7,6 +7,7 @@ from typing import Literal
 
 Method = Literal["drt-mart", "mart"]
 Weights = Literal["1-ray", "9-rays", "exact"]
+Candidates = Literal["bound", "product"]
 
 
 @dataclass(frozen=True)
@@ -16,8 +17,10 @@ class ReconstructionSettings:
     ``method``: "drt-mart" starts from the voxels that dense ray tracing leaves, "mart" from all.
     ``iterations``: rounds over all views. ``relaxation``: exponent mu of each correction, 0 < mu <= 1.
     ``weights``: light by one centre ray per view, by nine, or by exact areas.
-    ``threshold``: counts above which a pixel is lit; None lets the images' noise decide.
-    ``tolerance_px``: pixels' worth of a voxel's light that may fall on unlit pixels before DRT drops it.
+    ``candidates``: what DRT leaves. "bound": voxels that can hold a particle of ``threshold`` counts without giving a
+    pixel more light than it collected; "product", the paper's: voxels whose pixels all exceed ``threshold`` counts.
+    ``threshold``: counts; of the bound, in a pixel that the particle lights wholly in focus. None lets the images
+    decide: 0.4 of the typical particle, or three times the noise.
     ``focus_reach``: up to how many dead zones from focus planes count less in the correlation (``focus``); 0 = none.
     ``seed``: of the random order of views.
     """
@@ -26,7 +29,7 @@ class ReconstructionSettings:
     iterations: int = 5
     relaxation: float = 0.3
     weights: Weights = "exact"
+    candidates: Candidates = "bound"
     threshold: float | None = None
-    tolerance_px: float = 3.0
     focus_reach: float = 1.5
     seed: int = 0

@@ -30,6 +30,7 @@ from plenopiv.lightfield import decode, layout
 from plenopiv.projection.projector import Projector
 from plenopiv.reconstruction.chain import Reconstruction, reconstruct
 from plenopiv.reconstruction.focus import focus_weight
+from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
 from plenopiv.report import projections, raw_crops, write_report
 from plenopiv.run.memory import estimate
@@ -92,6 +93,9 @@ def run(
             camera, calibration = calibrated_camera(experiment, recording)
             where = layout(camera)
             projector = Projector(where, experiment.grid(), experiment.reconstruction.weights)
+            white = recording.white()
+            gain = NO_WHITE_IMAGE if white is None else counts_per_electron(decode(white, where))
+            del white
 
         weight = focus_weight(camera, projector.grid.axes()[2], experiment.reconstruction.focus_reach)
         needed = estimate(camera, projector.grid)
@@ -107,6 +111,7 @@ def run(
                     decode(image, where),
                     projector,
                     experiment.reconstruction.settings(),
+                    counts_per_electron=gain,
                     name=name,
                     progress=partial(report, f"reconstruction of {name}"),
                 )
@@ -160,6 +165,9 @@ def run(
 
 def _frame_summary(frame: Reconstruction) -> dict[str, Any]:
     return {
+        "dark_noise_counts": frame.noise.dark,
+        "counts_per_electron": frame.noise.counts_per_electron,
+        "typical_particle_counts": frame.particle,
         "threshold_counts": frame.threshold,
         "candidate_share": frame.candidates,
         "residual_counts_by_round": list(frame.residuals),

@@ -1,0 +1,115 @@
+"""CPU kernel of dense ray tracing: which voxels of a slab of planes could hold a particle at all.
+
+Run from the microlens' side: a pixel that collected little light rules out every voxel that would give it more. Only
+such pixels cost time, and no two threads own the same plane.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from plenopiv.kernels import kernel, parallel_kernel
+from plenopiv.projection.dense import LANES, footprint_of, row_weights
+from plenopiv.projection.pixels import EXACT, floor_of, pixel_share, plane_of, reach_of
+
+F = np.float32
+LEAST_SHARE = (
+    0.05  # of the largest that a voxel of the plane gives: so far at its footprint's rim a voxel is not judged
+)
+INTEGRATION = 64  # samples across a pixel's footprint
+
+
+@kernel
+def sharpness(geo, plane):
+    """Over all places of a voxel in a plane, the integrals of its share of a pixel and of the share's square
+    (cells^2), and the largest share."""
+    wide, high = reach_of(geo, plane, EXACT)
+    total, squares, most = 0.0, 0.0, F(0)
+    for j in range(INTEGRATION):
+        for i in range(INTEGRATION):
+            x = F((i + 0.5) * (2.0 / INTEGRATION) - 1.0) * wide
+            y = F((j + 0.5) * (2.0 / INTEGRATION) - 1.0) * high
+            share = pixel_share(geo, plane, x, y)
+            total += share
+            squares += share * share
+            most = max(most, share)
+    area = 4.0 * wide * high / INTEGRATION**2
+    return total * area, squares * area, most
+
+
+@parallel_kernel
+def sharpness_of_planes(geo, table, out):
+    """``sharpness`` of every plane of ``table`` into ``out`` (nz, 3)."""
+    for k in prange(table.shape[0]):
+        out[k, 0], out[k, 1], out[k, 2] = sharpness(geo, plane_of(table, k))
+
+
+@kernel
+def any_alive(row):
+    """Whether a stretch of a row holds a voxel that is not ruled out."""
+    total = 0
+    for i in range(row.size):
+        total += row[i]
+    return total > 0
+
+
+@parallel_kernel
+def prune(geo, table, largest, rule, rim, offsets, order, lens_mm, phase, fill, bound, particle, blur, alive):
+    """Rule out voxels that would light a pixel more than ``bound`` (view, lens) allows, in counts.
+
+    ``alive``: uint8 (planes, ny, nx + LANES), 1 for voxels not ruled out. ``table`` and ``largest`` (planes,), the
+    largest share of a pixel, are those of its planes. ``particle``: light of a particle in counts, all pixels together.
+    ``blur`` (planes,): cells that half a voxel in depth moves a footprint, per pixel of q. A voxel's share of a pixel
+    is the least over the places within it (for exact areas). Views are tried in ``order``.
+    """
+    nz, ny, nx = alive.shape
+    for k in prange(nz):
+        weight = np.empty(nx + LANES, np.float32)
+        plane, where = plane_of(table, k), alive[k]
+        counts = particle * plane.light
+        step_x, step_y = plane.cell_x * geo.cos, -plane.cell_x * geo.sin
+        half_x, half_y = F(0), F(0)
+        if rule == EXACT:
+            half_x = F(0.5) * (abs(plane.cell_x * geo.cos) + abs(plane.cell_y * geo.sin))
+            half_y = F(0.5) * (abs(plane.cell_y * geo.cos) + abs(plane.cell_x * geo.sin))
+        least = F(LEAST_SHARE) * largest[k]
+        for view in order:
+            m, n = F(offsets[view, 0]), F(offsets[view, 1])
+            for lens in range(lens_mm.shape[0]):
+                limit = max(bound[view, lens] / counts, least)
+                if limit >= largest[k]:
+                    continue
+                qx, qy = m - phase[lens, 0], phase[lens, 1] - n
+                cx, cy, reach_x, reach_y = footprint_of(geo, plane, rule, lens_mm[lens, 0], lens_mm[lens, 1], qx, qy)
+                i0, i1 = max(floor_of(cx - reach_x) + 1, 0), min(floor_of(cx + reach_x) + 1, nx - LANES)
+                j0, j1 = max(floor_of(cy - reach_y) + 1, 0), min(floor_of(cy + reach_y) + 1, ny)
+                if i0 >= i1 or j0 >= j1:
+                    continue
+                lanes = (i1 - i0 + LANES - 1) // LANES * LANES
+                out_x, out_y = half_x + abs(qx) * blur[k], half_y + abs(qy) * blur[k]
+                for j in range(j0, j1):
+                    row = where[j, i0 : i0 + lanes]
+                    if not any_alive(row):
+                        continue
+                    ox, oy = plane.cell_x * (F(i0) - cx), plane.cell_y * (F(j) - cy)
+                    x0, y0 = geo.cos * ox + geo.sin * oy, geo.cos * oy - geo.sin * ox
+                    row_weights(
+                        geo,
+                        plane,
+                        rule,
+                        rim[view],
+                        fill[view, lens],
+                        qx,
+                        qy,
+                        x0,
+                        y0,
+                        step_x,
+                        step_y,
+                        out_x,
+                        out_y,
+                        lanes,
+                        weight,
+                    )
+                    for i in range(lanes):
+                        row[i] = row[i] if weight[i] <= limit else np.uint8(0)

@@ -1,0 +1,56 @@
+"""Noise of the pixels, measured on the images themselves.
+
+A pixel of I counts above the black level carries the variance dark^2 + counts_per_electron I: read noise and
+digitisation, and the photons' shot noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.lightfield import LightField
+
+NO_WHITE_IMAGE = 1.0  # counts per electron taken where nothing tells: more than cameras have at 12 bits
+INNER = 0.5  # of the aperture's radius: pixels of a white image that are lit alike
+MAD_TO_STD = 1.4826  # of a normal distribution
+
+
+@dataclass(frozen=True)
+class Noise:
+    """``dark``: standard deviation of a pixel without light, counts. ``counts_per_electron``: of the shot noise."""
+
+    dark: float
+    counts_per_electron: float = NO_WHITE_IMAGE
+
+    def std(self, counts: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Standard deviation (counts) of pixels of ``counts`` above the black level."""
+        return np.sqrt(np.float32(self.counts_per_electron) * np.maximum(counts, 0) + np.float32(self.dark**2))
+
+
+def dark_noise(lightfield: LightField) -> float:
+    """Standard deviation in counts of pixels without light, from the values below the black level (half a normal)."""
+    values = lightfield.values[lightfield.layout.seen]
+    below = values[values < 0]
+    return float(np.sqrt(np.mean(below.astype(np.float64) ** 2))) if below.size else 0.0
+
+
+def counts_per_electron(white: LightField) -> float:
+    """Photon transfer on a white image: variance over mean of what one pixel shows under neighbouring microlenses.
+
+    Differences between next neighbours along a row cancel what changes slowly over the sensor. Microlenses that differ
+    among themselves raise the figure: it is an upper bound.
+    """
+    where = white.layout
+    slopes = []
+    for view in np.flatnonzero(np.hypot(*where.offsets.T) < INNER * where.camera.aperture_radius_px):
+        seen = where.seen[view].reshape(where.nj, where.ni)
+        values = white.values[view].reshape(where.nj, where.ni)
+        both = seen[:, 1:] & seen[:, :-1]
+        step, mean = (values[:, 1:] - values[:, :-1])[both], (values[:, 1:] + values[:, :-1])[both] / 2
+        if step.size and mean.mean() > 0:
+            variance = 0.5 * (MAD_TO_STD * np.median(np.abs(step - np.median(step)))) ** 2
+            slopes.append(variance / mean.mean())
+    return float(np.median(slopes)) if slopes else NO_WHITE_IMAGE

@@ -1,0 +1,104 @@
+"""Dense ray tracing's kernel against direct sums over weights that plain Python computed place by place."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from oracles.cameras import small_camera
+from oracles.naive_projection import exact_light, ray_light
+
+from plenopiv.lightfield import layout
+from plenopiv.projection.geometry import Plane, planes
+from plenopiv.projection.projector import Projector
+from plenopiv.projection.pruning import LEAST_SHARE
+from plenopiv.volume import VoxelGrid
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+PARTICLE = 1000.0
+STARTS = (-2.4, -0.25, 1.1)  # far from focus, in the dead zone, between
+
+
+def grid_at(z):
+    return VoxelGrid((-0.0261, -0.0183, z), (0.017, 0.019, 0.08), (2, 1, 3))
+
+
+def inner_layout(kind):
+    camera = small_camera(kind, pmr=8, microlenses=(9, 8), offset_mm=(0.007, -0.004))
+    where = layout(camera)
+    inner = np.hypot(*(np.abs(where.offsets) + 1.05).T) <= camera.aperture_radius_px
+    return replace(where, seen=where.seen & inner[:, None])
+
+
+def random_bound(where, seed):
+    """A tenth of the pixels bright enough for anything, the rest allow 0 to all of what a pixel can get."""
+    rng = np.random.default_rng(seed)
+    bound = rng.uniform(0, 0.03 * PARTICLE, where.seen.shape)
+    return np.where(rng.random(bound.shape) < 0.95, np.inf, bound).astype(np.float32)
+
+
+def voxels(grid):
+    x, y, z = grid.axes()
+    return [(px, py, pz) for pz in z for py in y for px in x]
+
+
+def least_light(where, grid, size):
+    """Least light (voxel, view, lens) that each pixel gets of a particle anywhere in ``size`` times a voxel: at its
+    corners and in its middle."""
+    steps = [(0, 0, 0), *product((-0.5, 0.5), repeat=3)]
+    return np.array(
+        [
+            np.min([exact_light(where, np.add(centre, size * np.multiply(step, grid.voxel_mm))) for step in steps], 0)
+            for centre in voxels(grid)
+        ]
+    )
+
+
+def ruled_out(weights, where, grid, bound):
+    """Voxels whose light by ``weights`` (voxel, view, lens) exceeds what some one pixel collected."""
+    light = planes(where.camera, grid)[:, Plane._fields.index("light")].astype(float)
+    light = np.repeat(light, grid.shape[1] * grid.shape[2])[:, None, None]
+    return ((weights * PARTICLE > bound) & (weights > LEAST_SHARE * light)).any((1, 2))
+
+
+@pytest.mark.parametrize("z", STARTS)
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+def test_voxels_are_dropped_if_all_of_the_voxel_is_ruled_out(kind, z):
+    """Sandwiched: whatever is dropped is ruled out all over the voxel, and what is ruled out all over a
+    voxel half as large again is dropped."""
+    where, grid = inner_layout(kind), grid_at(z)
+    projector = Projector(where, grid, "exact")
+    voxel, larger = least_light(where, grid, 0.98), least_light(where, grid, 1.5)
+    dropped, surely = [], []
+    for seed in range(20):
+        bound = random_bound(where, seed)
+        kept = projector.voxels_within(bound, PARTICLE).dense().values.ravel() > 0
+        dropped.append(~kept)
+        surely.append(ruled_out(larger, where, grid, bound))
+        assert not (~kept & ~ruled_out(voxel, where, grid, bound)).any()
+        assert not (kept & surely[-1]).any()
+    assert 0.1 < np.mean(dropped) < 0.9 or (z == STARTS[1] and np.any(dropped))  # few pixels share a voxel in focus
+    assert np.any(surely) or z == STARTS[1]
+
+
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+@pytest.mark.parametrize(("rule", "rays"), [("1-ray", 1), ("9-rays", 9)])
+def test_rays_are_judged_as_they_are(kind, rule, rays):
+    where, grid = inner_layout(kind), grid_at(STARTS[0])
+    weights = np.array([ray_light(where, place, rays) for place in voxels(grid)])
+    projector = Projector(where, grid, rule)
+    for seed in range(4):
+        bound = random_bound(where, seed)
+        kept = projector.voxels_within(bound, PARTICLE).dense().values.ravel() > 0
+        np.testing.assert_array_equal(kept, ~ruled_out(weights, where, grid, bound))
+
+
+def test_no_limit_and_no_light():
+    where, grid = inner_layout("square"), grid_at(STARTS[2])
+    projector = Projector(where, grid, "exact")
+    nowhere_dark = np.full(where.seen.shape, np.inf, np.float32)
+    assert projector.voxels_within(nowhere_dark, PARTICLE).column.size == grid.size
+    assert projector.voxels_within(np.zeros_like(nowhere_dark), PARTICLE).column.size == 0
+    nothing_seen = replace(where, seen=np.zeros_like(where.seen))
+    assert Projector(nothing_seen, grid).voxels_within(np.zeros_like(nowhere_dark), 1.0).column.size == grid.size

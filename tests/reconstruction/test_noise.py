@@ -1,0 +1,53 @@
+"""Read noise from dark pixels, shot noise from a white image."""
+
+import numpy as np
+import pytest
+from oracles.cameras import small_camera
+
+from plenopiv.lightfield import LightField, layout
+from plenopiv.reconstruction.noise import Noise, counts_per_electron, dark_noise
+
+WHERE = layout(small_camera("square", pmr=8))
+LARGER = layout(small_camera("hexagonal", pmr=8, microlenses=(40, 34)))
+
+
+def field(values, where=WHERE):
+    return LightField(where, np.where(where.seen, values, 0).astype(np.float32))
+
+
+@pytest.mark.parametrize("sigma", [0.8, 3.0, 12.0])
+@pytest.mark.parametrize("lit_share", [0.0, 0.3])
+def test_dark_noise_is_that_of_dark_pixels(sigma, lit_share):
+    """Light adds to pixels above the black level, those below stay half a normal distribution."""
+    rng = np.random.default_rng(0)
+    light = np.where(rng.random(WHERE.seen.shape) < lit_share, 20 * sigma, 0.0)
+    assert dark_noise(field(rng.normal(0, sigma, WHERE.seen.shape) + light)) == pytest.approx(sigma, rel=0.05)
+
+
+def test_whole_counts_bias_the_noise_little():
+    values = np.rint(np.random.default_rng(0).normal(0, 2.0, WHERE.seen.shape))
+    assert dark_noise(field(values)) == pytest.approx(2.0, rel=0.15)
+
+
+def test_a_frame_without_noise():
+    assert dark_noise(field(np.full(WHERE.seen.shape, 7.0))) == 0.0
+
+
+def white(gain, between_lenses=0.0):
+    rng = np.random.default_rng(4)
+    falloff = np.linspace(0.7, 1.0, LARGER.lenses) * (1 + between_lenses * rng.normal(size=LARGER.lenses))
+    return field(gain * rng.poisson(2500 / gain * LARGER.fill * falloff), LARGER)
+
+
+@pytest.mark.parametrize("gain", [0.2, 0.5, 2.0])
+def test_counts_per_electron_from_a_white_image(gain):
+    """Light that falls off over the sensor does not matter."""
+    assert counts_per_electron(white(gain)) == pytest.approx(gain, rel=0.06)
+
+
+def test_microlenses_that_differ_raise_it():
+    assert 0.5 < counts_per_electron(white(0.5, 0.01)) < 1.0
+
+
+def test_noise_of_a_pixel():
+    np.testing.assert_allclose(Noise(3.0, 0.5).std(np.array([-7.0, 0.0, 32.0], np.float32)), [3.0, 3.0, 5.0])
