@@ -71,7 +71,7 @@ def test_orientation_of_the_stored_image():
     right = reconstructed("square", upright(stored, "sensor"))
     np.testing.assert_array_less(np.abs(centre_of_light(right.volume)[0] - place) / GRID.voxel_mm, 1.0)
     wrong, _ = centre_of_light(reconstructed("square", stored, method="mart").volume)
-    np.testing.assert_allclose(wrong[:2], (-X, Y), atol=0.03)  # a camera that is turned by 180 degrees
+    np.testing.assert_allclose(wrong[:2], (-X, Y), atol=0.044)  # a camera that is turned by 180 degrees
 
 
 def test_mart_and_drt_mart_agree():

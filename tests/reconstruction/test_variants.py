@@ -118,12 +118,16 @@ def test_split_light_makes_them_close_and_not_equal(form):
     assert 1e-4 < apart < 0.1
 
 
-def test_the_benchmark_s_round_is_the_library_s():
+def test_the_benchmark_s_rounds_are_the_library_s(monkeypatch):
+    """Its first round takes twice the relaxation; dense planes, which round, are not used."""
+    monkeypatch.setattr("plenopiv.projection.projector.DENSE_ABOVE", 2.0)
     projector = Projector(WHERE, GRID, "exact")
     truth = particles(projector)
     values = noisy_views(projector, truth)
     start = started(values, truth)
-    *_, ours = islice(view_sequential(values, projector, start, floor=FLOOR, order=random_order(5)), 2)
+    *_, ours = islice(
+        view_sequential(values, projector, start, relaxation=(0.6, 0.3), floor=FLOOR, order=random_order(5)), 2
+    )
     theirs, _ = mart(values, projector, start, iterations=2, relaxation=0.3, floor=FLOOR, seed=5)
     np.testing.assert_array_equal(ours.column, theirs.column)
     np.testing.assert_allclose(ours.values, theirs.values, rtol=1e-4, atol=1e-4 * theirs.values.max())

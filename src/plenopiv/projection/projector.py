@@ -10,22 +10,25 @@ from numpy.typing import NDArray
 
 from plenopiv.lightfield import Layout
 from plenopiv.projection import dense, geometry, pixels, pruning, sparse
+from plenopiv.projection.patterns import Patterns, patterns
+from plenopiv.projection.planes import DensePlanes
 from plenopiv.volume import SparseVolume, VoxelGrid
 
+Working = DensePlanes | SparseVolume
 RULES = {"1-ray": pixels.ONE_RAY, "9-rays": pixels.NINE_RAYS, "exact": pixels.EXACT}
-CHUNKS = 64  # of microlenses or of rows of voxels, shared out among threads
+CHUNKS = 64  # of rows of voxels, shared out among threads
 NOTHING = np.empty(1, np.float32)
-PARTIAL_IMAGES = 16  # of sparse sums
+PARTIAL_IMAGES = 16  # of one view, summed in order
 SLAB = 16  # planes pruned at once
-DENSE_ABOVE = 0.3  # share of voxels listed from which dense kernels are the faster ones (measured)
+DENSE_ABOVE = 0.04  # share of voxels listed from which dense kernels are the faster ones (measured)
 
 
 class Projector:
     """Between a volume and the views of a plenoptic camera.
 
-    A volume is a ``SparseVolume`` or a dense float32 array (nz, ny, nx + padding) from ``allocate``, whose columns
-    beyond nx stay 0 and spare the kernels a scalar remainder. A voxel's value is its light: the sum of the counts
-    that it gives in all pixels when the whole aperture sees it. Images of a view are float32 (lens,), in counts.
+    A volume is a ``SparseVolume`` or ``DensePlanes``; those are projected by tabulated exact areas alone, a voxel's
+    place rounded to 1/16 to 1/64 of it. A voxel's value is its light: the sum of the counts that it gives in all pixels
+    when the whole aperture sees it. Images of a view are float32 (lens,), in counts.
 
     ``weights``: "1-ray" (the centre of each pixel's portion of the main lens), "9-rays", or "exact" areas.
     """
@@ -38,6 +41,7 @@ class Projector:
         self._box = (layout.i0, layout.j0, layout.ni, layout.nj)
         self._rows, self._planes = geometry.rows(camera, grid), geometry.planes(camera, grid)
         m, n = np.abs(layout.offsets).T
+        self._patterns: Patterns | None = None  # made when first a dense volume is projected
         self._rim = np.hypot(m + 1.05, n + 1.05) > camera.aperture_radius_px  # phase and drift move a pixel by 0.55
 
     @property
@@ -55,51 +59,37 @@ class Projector:
         """Share of a particle's light in focus that a wholly lit pixel collects."""
         return 1 / (pi * self.layout.camera.aperture_radius_px**2)
 
-    @property
-    def light_share(self) -> float:
-        """Share of a voxel's light that its brightest possible pixel collects."""
-        return float(self.light_of_planes().max())
-
-    def allocate(self, value: float = 0.0) -> NDArray[np.float32]:
-        """A dense volume of one value."""
-        nz, ny, nx = self.grid.shape
-        volume = np.zeros((nz, ny, nx + dense.LANES), np.float32)
-        volume[:, :, :nx] = value
-        return volume
-
     def every_voxel(self) -> SparseVolume:
         """All voxels of the grid, each of value 1."""
         return SparseVolume.from_planes(
             self.grid, (np.ones(self.grid.shape[1:], bool) for _ in range(self.grid.shape[0]))
         )
 
-    def working_form(self, volume: SparseVolume) -> NDArray[np.float32] | SparseVolume:
-        """The volume in the form in which its views are computed sooner: dense unless few voxels are listed."""
-        if volume.occupancy < DENSE_ABOVE:
+    def working_form(self, volume: SparseVolume) -> Working:
+        """A copy of the volume in the form in which its views are computed sooner: dense, for exact areas, unless few
+        voxels are listed."""
+        if volume.occupancy < DENSE_ABOVE or self.rule != pixels.EXACT:
             return volume.with_values(volume.values.copy())
-        working = self.allocate()
-        working[:, :, : self.grid.shape[2]] = volume.slab(0, self.grid.shape[0])
-        return working
+        return DensePlanes.of(volume)
 
-    def listed(self, volume: NDArray[np.float32] | SparseVolume, faintest: float) -> SparseVolume:
-        """The voxels of ``volume`` brighter than ``faintest`` (>= 0)."""
+    def thinned(self, volume: Working, share: float) -> Working:
+        """The voxels of ``volume`` brighter than ``share`` of their mean, in the form that suits their number. A dense
+        ``volume`` is changed."""
         if isinstance(volume, SparseVolume):
-            return volume.keeping(volume.values > faintest)
-        inside = volume[:, :, : self.grid.shape[2]]
-        values = np.concatenate([plane[plane > faintest] for plane in inside])
-        return SparseVolume.from_planes(self.grid, (plane > faintest for plane in inside)).with_values(values)
+            mean = float(volume.values.mean(dtype=np.float64)) if volume.values.size else 0.0
+            return volume.keeping(volume.values > share * mean)
+        left = volume.keep_above(share * volume.mean())
+        return volume.listed() if left < DENSE_ABOVE * self.grid.size else volume
 
-    def forward(self, view: int, volume: NDArray[np.float32] | SparseVolume) -> NDArray[np.float32]:
+    def forward(self, view: int, volume: Working) -> NDArray[np.float32]:
         """The volume's light in one view, (lens,); 0 where the pixel is no equation."""
-        if isinstance(volume, SparseVolume):
-            partial = np.empty((PARTIAL_IMAGES, self.layout.lenses), np.float32)
-            self._walk(view, volume, PARTIAL_IMAGES, NOTHING, partial, NOTHING, True)
-            image = partial.sum(0)
-            image[~self.layout.seen[view]] = 0.0
-            return image
-        image = np.zeros(self.layout.lenses, np.float32)
-        chunks = np.linspace(0, self.layout.lenses, CHUNKS + 1).astype(np.int64)
-        dense.forward(*self._dense(view), chunks, volume, image)
+        partial = np.empty((PARTIAL_IMAGES, self.layout.lenses), np.float32)
+        if isinstance(volume, DensePlanes):
+            dense.forward(*self._dense(view), volume.values, volume.tiles, partial)
+            return partial.sum(0)
+        self._walk(view, volume, PARTIAL_IMAGES, NOTHING, partial, NOTHING, True)
+        image = partial.sum(0)
+        image[~self.layout.seen[view]] = 0.0
         return image
 
     def gather(self, view: int, image: NDArray[np.float32], volume: SparseVolume) -> NDArray[np.float32]:
@@ -110,16 +100,16 @@ class Projector:
         self._walk(view, volume, CHUNKS, seen, np.empty((1, 1), np.float32), out, False)
         return out
 
-    def adjoint(self, view: int, image: NDArray[np.float32], out: NDArray[np.float32]) -> None:
-        """Add the transpose of ``forward`` applied to ``image`` to the dense volume ``out``."""
-        dense.adjoint(*self._dense(view), image.astype(np.float32), out)
+    def adjoint(self, view: int, image: NDArray[np.float32], out: DensePlanes) -> None:
+        """Add the transpose of ``forward`` on dense planes, applied to ``image``, to the voxels of ``out``."""
+        dense.adjoint(*self._dense(view), image.astype(np.float32), out.values)
 
-    def multiply(self, view: int, correction: NDArray[np.float32], volume: NDArray[np.float32] | SparseVolume) -> None:
+    def multiply(self, view: int, correction: NDArray[np.float32], volume: Working) -> None:
         """Multiply each voxel by 1 plus the share-weighted sum of ``correction`` over the pixels that it lights."""
         if isinstance(volume, SparseVolume):
             volume.values[:] *= np.maximum(1 + self.gather(view, correction, volume), 0)
         else:
-            dense.multiply(*self._dense(view), correction.astype(np.float32), volume)
+            dense.multiply(*self._dense(view), correction.astype(np.float32), volume.values, volume.tiles)
 
     def light_of_planes(self) -> NDArray[np.float32]:
         """Share of a voxel's light that a wholly lit pixel collects, by plane (nz,)."""
@@ -167,7 +157,7 @@ class Projector:
         def planes() -> Iterator[NDArray[np.bool_]]:
             for lo in range(0, nz, SLAB):
                 slab = slice(lo, min(lo + SLAB, nz))
-                alive = np.zeros((slab.stop - lo, ny, nx + dense.LANES), np.uint8)
+                alive = np.zeros((slab.stop - lo, ny, nx + pruning.LANES), np.uint8)
                 alive[:, :, :nx] = 1
                 table, most, half_step = self._planes[slab], largest[slab], blur[slab].astype(np.float32)
                 pruning.prune(self._rows, table, most, self.rule, self._rim, *parameters, half_step, alive)
@@ -205,7 +195,11 @@ class Projector:
         )
 
     def _dense(self, view: int):
-        where = self.layout
+        if self.rule != pixels.EXACT:
+            raise ValueError("dense planes are projected by exact areas alone; list the voxels")
+        if self._patterns is None:
+            self._patterns = patterns(self._rows, self._planes)
+        where, table = self.layout, self._patterns
         m, n = where.offsets[view].astype(np.float32)
-        pixels_of_view = where.phase, where.fill[view], where.seen[view]
-        return self._rows, self._planes, self.rule, bool(self._rim[view]), m, n, self._lens_mm, *pixels_of_view
+        pixels_of_view = bool(self._rim[view]), m, n, self._lens_mm, where.phase, where.seen[view]
+        return self._rows, self._planes, table.shares, table.shape, table.start, table.reach, *pixels_of_view

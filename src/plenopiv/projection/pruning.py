@@ -9,15 +9,79 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from plenopiv.kernels import kernel, parallel_kernel
-from plenopiv.projection.dense import LANES, footprint_of, row_weights
-from plenopiv.projection.pixels import EXACT, floor_of, pixel_share, plane_of, reach_of
+from plenopiv.kernels import inlined, kernel, parallel_kernel
+from plenopiv.projection.pixels import (
+    EXACT,
+    ONE_RAY,
+    STRIPS,
+    floor_of,
+    pixel_share,
+    plane_of,
+    ray_inside,
+    ray_share,
+    reach_of,
+    strip_share,
+)
 
+LANES = 16  # voxels of a row computed at once: the widest float32 vector
 F = np.float32
 LEAST_SHARE = (
     0.05  # of the largest that a voxel of the plane gives: so far at its footprint's rim a voxel is not judged
 )
 INTEGRATION = 64  # samples across a pixel's footprint
+
+
+@inlined
+def outward(x, by):
+    """``x`` moved away from 0."""
+    return x + by if x >= F(0) else x - by
+
+
+@kernel
+def row_weights(geo, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, out_x, out_y, n, weight):
+    """Shares of a pixel for voxels in a row: voxel i lies (x0 + i step_x, y0 + i step_y) cells off its footprint's
+    centre.
+
+    Computes whole vectors of LANES voxels, so that no scalar remainder is left: n is a multiple of LANES. Voxels
+    outside the footprint get 0. ``share``: of the pixel that is lit, for a single ray. ``out_x``, ``out_y``: cells by
+    which an exact area is taken further out than the voxel's centre.
+    """
+    for b in range(0, n, LANES):
+        part = weight[b : b + LANES]
+        if rule == EXACT and not rim:
+            for i in range(LANES):
+                f = F(b + i)
+                x, y = outward(x0 + f * step_x, out_x), outward(y0 + f * step_y, out_y)
+                part[i] = pixel_share(geo, plane, x, y)
+        elif rule == EXACT:
+            part[:] = F(0)
+            for strip in range(STRIPS):
+                for i in range(LANES):
+                    f = F(b + i)
+                    x, y = outward(x0 + f * step_x, out_x), outward(y0 + f * step_y, out_y)
+                    part[i] += strip_share(geo, plane, qx, qy, strip, x, y)
+        elif rule == ONE_RAY:
+            for i in range(LANES):
+                f = F(b + i)
+                part[i] = share * ray_inside(geo, x0 + f * step_x, y0 + f * step_y)
+        else:
+            part[:] = F(0)
+            for ray in range(9):
+                for i in range(LANES):
+                    f = F(b + i)
+                    part[i] += ray_share(geo, plane, rim, qx, qy, ray, x0 + f * step_x, y0 + f * step_y)
+
+
+@kernel
+def footprint_of(geo, plane, rule, s, t, qx, qy):
+    """Where a pixel's light comes from in a plane: centre and half widths (voxels, x and y) of the box around it."""
+    cx = plane.voxel_s * s + plane.step_x * qx - geo.x0
+    cy = plane.voxel_t * t + plane.step_y * qy - geo.y0
+    wide, high = reach_of(geo, plane, rule)
+    c, s = abs(geo.cos), abs(geo.sin)
+    reach_x = (c * wide + s * high) / abs(plane.cell_x)
+    reach_y = (c * high + s * wide) / abs(plane.cell_y)
+    return cx, cy, reach_x, reach_y
 
 
 @kernel

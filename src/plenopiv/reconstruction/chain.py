@@ -24,7 +24,7 @@ from plenopiv.volume import SparseVolume
 CLEARLY = 2.0  # thresholds: noise alone does not reach so high
 FEWEST_LIT = 1e-4  # share of such pixels below which a frame counts as empty
 SMALLEST_FLOOR = 0.5  # counts: digitisation alone leaves 0.3
-FAINTEST = 0.2  # of the dark noise: a voxel that gives less than this in each of its pixels is left out
+THIN = 0.3  # of the mean voxel: fainter ones are left out
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def reconstruct(
         iterations=settings.iterations,
         relaxation=settings.relaxation,
         floor=floor,
-        faintest=FAINTEST * floor / projector.light_share,
+        thin=THIN,
         seed=settings.seed,
         progress=progress,
     )

@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from plenopiv.projection.projector import Projector
 from plenopiv.volume import SparseVolume
 
+THIN_EVERY = 32  # views
+
 Progress = Callable[[int, int], None]
 
 
@@ -31,30 +33,33 @@ def mart(
     iterations: int,
     relaxation: float,
     floor: float = 1.0,
-    faintest: float = 0.0,
+    thin: float = 0.0,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[SparseVolume, list[float]]:
     """The volume, among the voxels of ``volume``, whose views are ``values`` (view, lens), in counts.
 
     ``floor`` (counts, the dark noise) is added to measured and projected light, so that a pixel's noise does not empty
-    a voxel. Views come in a new random order each round: neighbours say nearly the same. After each round voxels no
-    brighter than ``faintest`` are left out. Returns the volume and the RMS residual, in counts, that each round met.
+    a voxel. Views come in a new random order each round: neighbours say nearly the same. The first round, which only
+    has to find where light is, takes twice the ``relaxation``. Every few views voxels that hold no more than ``thin``
+    of the mean of those that hold light are left out, but for the last of several rounds, which shares out their light.
+    Returns the volume and the RMS residual, in counts, that each round met.
     """
     seen = projector.layout.seen
     measured = np.maximum(values, 0.0) + np.float32(floor)
     rng = np.random.default_rng(seed)
     residuals = []
+    working = projector.working_form(volume)
     for done in range(iterations):
-        squares = 0.0
-        working = projector.working_form(volume)
+        squares, power = 0.0, min(2 * relaxation, 1.0) if done == 0 else relaxation
         for step, view in enumerate(rng.permutation(projector.views)):
             light = projector.forward(view, working)
             ratio = measured[view] / (light + np.float32(floor))
             squares += float(np.sum(((values[view] - light) * seen[view]) ** 2, dtype=np.float64))
-            projector.multiply(view, np.where(seen[view], ratio**relaxation - 1.0, 0.0), working)
+            projector.multiply(view, np.where(seen[view], ratio**power - 1.0, 0.0), working)
+            if (step + 1) % THIN_EVERY == 0 and done < max(iterations - 1, 1):
+                working = projector.thinned(working, thin)
             if progress:
                 progress(done * projector.views + step + 1, iterations * projector.views)
         residuals.append((squares / max(int(seen.sum()), 1)) ** 0.5)
-        volume = projector.listed(working, faintest)
-    return volume, residuals
+    return (working.keeping(working.values > 0) if isinstance(working, SparseVolume) else working.listed()), residuals
