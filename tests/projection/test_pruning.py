@@ -102,3 +102,18 @@ def test_no_limit_and_no_light():
     assert projector.voxels_within(np.zeros_like(nowhere_dark), PARTICLE).column.size == 0
     nothing_seen = replace(where, seen=np.zeros_like(where.seen))
     assert Projector(nothing_seen, grid).voxels_within(np.zeros_like(nowhere_dark), 1.0).column.size == grid.size
+
+
+def test_what_the_middle_of_the_aperture_does_not_see_is_no_candidate():
+    camera = small_camera("square", pmr=8)
+    where, limit = layout(camera), 0.5 * 13 * camera.lattice.pitch_mm  # 13 microlenses, magnification -1
+    grid = VoxelGrid.covering((-1.5 * limit, 1.5 * limit), (-0.02, 0.02), (-3, 3), (0.02, 0.02, 0.5))
+    projector = Projector(where, grid, "exact")
+    no_limit = np.full(where.seen.shape, np.inf, np.float32)
+    kept = projector.voxels_within(no_limit, PARTICLE).dense().values > 0
+    x, _, z = grid.axes()
+    for k, depth in enumerate(z):
+        reach = limit / abs(camera.scale(depth)) / (1 + camera.image_scale)
+        np.testing.assert_array_equal(kept[k], np.broadcast_to(np.abs(x) <= reach, kept[k].shape))
+    assert not kept.all()
+    np.testing.assert_array_equal(projector.seen_voxels().dense().values > 0, kept)

@@ -136,8 +136,9 @@ class Experiment(Table):
             counts = " x ".join(f"{side:.5g}" for side in sides)
             return [f"volume.voxel_mm: {counts} voxels are too many; are all lengths in mm?"]
         unseen = coverage(camera, limits).no_view
-        if unseen > 0:
-            return [f"volume: {100 * unseen:.2g} % of it is seen by no view; {self._seen_limits(camera)}"]
+        if unseen > 0 and self.volume.unseen == "error":
+            share = f"volume: {100 * unseen:.2g} % of it is seen by no view"
+            return [f'{share}; {self._seen_limits(camera)}; or leave it empty: volume.unseen = "empty"']
         nz, ny, nx = self.grid().shape
         try:
             self.correlation.settings()

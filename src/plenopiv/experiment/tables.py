@@ -129,12 +129,16 @@ class RecordingTable(Table):
 
 
 class VolumeTable(Table):
-    """``[volume]``: outer faces, in the object frame (z = 0 the focal plane, + toward the camera)."""
+    """``[volume]``: outer faces, in the object frame (z = 0 the focal plane, + toward the camera).
+
+    ``unseen``: whether parts that no view sees are an error or stay empty.
+    """
 
     x_mm: Pair
     y_mm: Pair
     z_mm: Pair
     voxel_mm: PositiveTriple
+    unseen: Literal["error", "empty"] = "error"
 
     @model_validator(mode="after")
     def _consistent(self) -> VolumeTable:

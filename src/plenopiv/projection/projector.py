@@ -8,6 +8,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.cameras.coverage import half_sensor_mm
 from plenopiv.lightfield import Layout
 from plenopiv.projection import dense, geometry, pixels, pruning, sparse
 from plenopiv.projection.patterns import Patterns, patterns
@@ -64,6 +65,18 @@ class Projector:
         return SparseVolume.from_planes(
             self.grid, (np.ones(self.grid.shape[1:], bool) for _ in range(self.grid.shape[0]))
         )
+
+    def seen_from_the_middle(self) -> Iterator[NDArray[np.bool_]]:
+        """Plane by plane the voxels (ny, nx) that the middle of the aperture sees; about half the views see one at the
+        border."""
+        half_s, half_t = half_sensor_mm(self.layout.camera)
+        x, y, z = self.grid.axes()
+        for scale in np.abs(self.layout.camera.scale(z)):
+            yield (scale * np.abs(y) <= half_t)[:, None] & (scale * np.abs(x) <= half_s)
+
+    def seen_voxels(self) -> SparseVolume:
+        """The voxels that the middle of the aperture sees, each of value 1."""
+        return SparseVolume.from_planes(self.grid, self.seen_from_the_middle())
 
     def working_form(self, volume: SparseVolume) -> Working:
         """A copy of the volume in the form in which its views are computed sooner: dense, for exact areas, unless few
@@ -137,7 +150,7 @@ class Projector:
         return inside
 
     def voxels_within(self, bound: NDArray[np.float32], particle: float) -> SparseVolume:
-        """The voxels in which a particle of ``particle`` counts gives no pixel more than ``bound`` (view, lens).
+        """The seen voxels in which a particle of ``particle`` counts gives no pixel more than ``bound`` (view, lens).
 
         Views that lie inside the aperture come first, the outermost of them before the others: they differ most and are
         quicker to compute than those at its rim. Exact weights are the least within
@@ -154,11 +167,14 @@ class Projector:
         parameters = where.offsets, order, self._lens_mm, where.phase, where.fill, bound, np.float32(particle)
         nz, ny, nx = self.grid.shape
 
+        seen = self.seen_from_the_middle()
+
         def planes() -> Iterator[NDArray[np.bool_]]:
             for lo in range(0, nz, SLAB):
                 slab = slice(lo, min(lo + SLAB, nz))
                 alive = np.zeros((slab.stop - lo, ny, nx + pruning.LANES), np.uint8)
-                alive[:, :, :nx] = 1
+                for plane in alive:
+                    plane[:, :nx] = next(seen)
                 table, most, half_step = self._planes[slab], largest[slab], blur[slab].astype(np.float32)
                 pruning.prune(self._rows, table, most, self.rule, self._rim, *parameters, half_step, alive)
                 yield from alive[:, :, :nx] > 0

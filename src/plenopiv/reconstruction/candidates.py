@@ -50,15 +50,17 @@ def typical_particle(lightfield: LightField, projector: Projector, noise: Noise)
     Particles strewn at random with density n give a pixel the mean n <E> sum(w) and the variance n <E^2> sum(w^2)
     (Campbell's theorem), sums over the volume. Their ratio is <E^2>/<E>, the typical brightness of those that carry the
     light, whatever n is. The variance is taken between microlenses APART along a row, which takes out a slowly varying
-    illumination, and between pixels that see the volume alone.
+    illumination, and between pixels that see the volume alone and are not saturated.
     """
     where = lightfield.layout
+    saturation = where.camera.sensor.full_scale - where.camera.sensor.black_level
     total, squares, _ = projector.sharpness().T
     light = projector.light_of_planes().astype(np.float64)
     step_sums, mean_sums, count = 0.0, 0.0, 0
     for view in projector.whole_views:
         values = lightfield.values[view].reshape(where.nj, where.ni)
         inside = projector.looks_through(int(view)).reshape(where.nj, where.ni)
+        inside &= values < saturation
         both = inside[:, APART:] & inside[:, :-APART]
         a, b = values[:, APART:][both].astype(np.float64), values[:, :-APART][both]
         step_sums += float(np.sum((a - b) ** 2))

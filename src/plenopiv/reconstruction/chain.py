@@ -68,7 +68,7 @@ def reconstruct(
         )
     particle = 0.0
     if settings.method == "mart":
-        volume = projector.every_voxel()
+        volume = projector.seen_voxels()
     elif settings.candidates == "product":
         volume = projector.voxels_within(dark_to_light(lightfield, threshold), 1.0)
     else:
