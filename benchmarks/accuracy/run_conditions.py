@@ -1,7 +1,7 @@
 """Simulate, run and score conditions:  run_conditions.py [NAMES] [--out DIR] [--settings KEY=VALUE ...]
 
-NAMES are those of conditions.py, default all. Recordings are kept in DIR/NAME and made only once. Each run appends one
-line to DIR/scores.jsonl and prints one. Settings replace keys of the recording's experiment.toml, as in
+NAMES are those of conditions.py, default all but "full". Recordings are kept in DIR/NAME and made only once. Each run
+appends one line to DIR/scores.jsonl and prints one. Settings replace keys of the recording's experiment.toml, as in
 reconstruction.relaxation=1.0 or correlation.windows=[[64,64,16]]; the value `default` removes a key from the file, so
 that the library's default holds. Each condition runs in a process of its own: its peak memory is its own.
 """
@@ -118,7 +118,7 @@ def main() -> None:
     parser.add_argument("--settings", nargs="+", default=[], metavar="KEY=VALUE")
     parser.add_argument("--simulate-only", action="store_true", help="make the recordings and stop")
     arguments = parser.parse_args()
-    names = arguments.names or list(CONDITIONS)
+    names = arguments.names or [name for name in CONDITIONS if name != "full"]
     if unknown := set(names) - set(CONDITIONS):
         parser.error(f"no condition is called {', '.join(sorted(unknown))}; there are {', '.join(CONDITIONS)}")
     arguments.out.mkdir(parents=True, exist_ok=True)
