@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -53,6 +54,8 @@ def test_the_results_folder(experiment, capsys):
     assert summary["calibration"]["residual_px"] < 0.05
     assert summary["reconstruction"]["a.tif"]["candidate_share"] < 0.5
     assert len(summary["reconstruction"]["b.tif"]["residual_counts_by_round"]) == experiment.reconstruction.iterations
+    assert set(summary["timings_s"]) >= {"calibration", "reconstruction", "correlation"}
+    assert sys.platform == "win32" or 0.05 < summary["peak_memory_gb"]["correlation"] < 4
     resolved = Experiment.load(folder / "experiment.toml")
     assert resolved.grid() == experiment.grid()
     assert "<img" in (folder / "report.html").read_text()

@@ -19,6 +19,7 @@ from numba import prange
 from plenopiv.kernels import inlined, kernel, parallel_kernel
 from plenopiv.projection.patterns import LEVELS
 from plenopiv.projection.pixels import floor_of, plane_of
+from plenopiv.projection.simd import row_products
 
 PADDING = 16  # columns of zeros beyond a volume's last: hardly a pattern that begins inside ends outside
 TILE = 8  # voxels along x and y that share a flag whether any of them holds light
@@ -138,8 +139,8 @@ def sweep(volume, faintest, tiles, alive):
 
 
 @kernel
-def row_products(shares, at, columns, values, begin, nx, count, rows):
-    """Sum over ``rows`` of ``count`` products of shares (a pattern ``columns`` wide) and values (rows of ``nx``)."""
+def clipped_products(shares, at, columns, values, begin, nx, count, rows):
+    """``row_products`` of the first ``count`` columns of a pattern that a side of the volume cuts."""
     total = F(0)
     for r in range(rows):
         a, b = at + U(r) * columns, begin + U(r) * nx
@@ -178,7 +179,11 @@ def forward(geo, planes, shares, shape, start, reach, rim, m, n, lens_mm, phase,
                 if height <= 0 or not any_light(tiles[k], first, last, low, height):
                     continue
                 at, begin = at + (low - j) * pattern.columns + first - i, (k * ny + low) * nx + first
-                total = row_products(shares, U(at), U(pattern.columns), flat, U(begin), U(nx), U(last - first), height)
+                if last - first == pattern.columns:
+                    total = row_products(shares, at, pattern.columns, flat, begin, nx, height)
+                else:
+                    count = U(last - first)
+                    total = clipped_products(shares, U(at), U(pattern.columns), flat, U(begin), U(nx), count, height)
                 image[lens] += plane.light * factor * total
 
 

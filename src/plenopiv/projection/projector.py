@@ -21,7 +21,7 @@ CHUNKS = 64  # of rows of voxels, shared out among threads
 NOTHING = np.empty(1, np.float32)
 PARTIAL_IMAGES = 16  # of one view, summed in order
 SLAB = 16  # planes pruned at once
-DENSE_ABOVE = 0.04  # share of voxels listed from which dense kernels are the faster ones (measured)
+DENSE_ABOVE = 0.02  # share of voxels listed from which dense kernels are the faster ones (measured)
 
 
 class Projector:

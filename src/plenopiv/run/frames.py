@@ -33,7 +33,7 @@ from plenopiv.reconstruction.focus import focus_weight
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
 from plenopiv.report import projections, raw_crops, write_report
-from plenopiv.run.memory import estimate
+from plenopiv.run.memory import estimate, peak_so_far
 from plenopiv.velocity import velocity_dataset
 
 if TYPE_CHECKING:
@@ -145,6 +145,7 @@ def run(
             "memory_estimate_gb": needed.peak / 1e9,
             "warnings": [str(w.message) for w in caught],
             "timings_s": clock.seconds,
+            "peak_memory_gb": clock.peak_gb,
         }
         with clock("report"):
             write_velocity(out.path("velocity.nc"), velocity)
@@ -183,10 +184,11 @@ def _joined(fields: list[xarray.Dataset]) -> xarray.Dataset:
 
 
 class _Clock:
-    """Seconds of wall time by stage."""
+    """Seconds of wall time by stage, and the peak of memory (GB) that the run had reached at its end."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
+        self.peak_gb: dict[str, float] = {}
 
     @contextmanager
     def __call__(self, stage: str):
@@ -195,6 +197,8 @@ class _Clock:
             yield
         finally:
             self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
+            if (peak := peak_so_far()) is not None:
+                self.peak_gb[stage] = round(peak / 1e9, 3)
 
 
 @contextmanager

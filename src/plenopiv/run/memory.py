@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from math import pi
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.volume import VoxelGrid
 
+KIB = 1024
 BASE = 350e6  # interpreter, libraries and compiled kernels, bytes
+
+
+def peak_so_far() -> float | None:
+    """Largest memory, bytes, that this process has taken; None where the system does not tell."""
+    if sys.platform == "win32":
+        return None
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return float(peak if sys.platform == "darwin" else peak * KIB)
 
 
 @dataclass(frozen=True)
