@@ -216,6 +216,17 @@ def test_a_volume_within_the_dead_zone_is_warned_about():
     assert any("depth cannot be told" in line for line in Experiment.from_dict(tables).warnings())
 
 
+def test_windows_no_deeper_than_a_particle_s_image_are_warned_about():
+    # half the dead zone is 0.308 mm: 16 voxels of 0.05 mm are 2.6 of them, 24 of 0.05 mm or 16 of 0.077 mm are enough
+    tables = changed("volume.x_mm", [-3.0, 3.0])
+    tables["volume"] |= {"y_mm": [-2.0, 2.0], "voxel_mm": [0.0171428571, 0.0171428571, 0.05]}
+    (line,) = Experiment.from_dict(tables).warnings()
+    assert "0.8 mm deep" in line
+    assert "give windows 24 voxels along z" in line
+    tables["correlation"]["windows"] = [[128, 128, 32], [64, 64, 24]]
+    assert Experiment.from_dict(tables).warnings() == []
+
+
 def test_the_share_that_some_views_miss_is_stated():
     # At z = 4: d = 96, A = 1 + 100/96 - 2 = 1/24, B = -100/96; half width W = 1800 * 0.0055 / 2 / 1.00308.
     reach = (4.95 / 1.00308 - 12.5 / 24) * 0.96

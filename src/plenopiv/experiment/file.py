@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from math import prod, radians
+from math import ceil, prod, radians
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from plenopiv.sensor import Sensor
 from plenopiv.volume import VoxelGrid
 
 LARGEST_SIDE = 2**16 - 1  # voxels: sparse volumes keep 16 bits for a voxel's place in its row
+FEWEST_DEAD_ZONES = 3.0  # half dead zones in a window's depth: at 2.3 displacements came out 40 % too small, at 4 right
 LARGEST_VOLUME = 1e10  # voxels: more is a wrong unit, or needs several runs
 
 
@@ -222,6 +223,14 @@ class Experiment(Table):
             lines.append(
                 f"the whole volume lies where depth cannot be told (z from {near:.3g} to {far:.3g} mm, where a point's "
                 f"blur is smaller than a microlens); widen volume.z_mm or move the focal plane"
+            )
+        window, voxel = self.correlation.windows[-1][2], self.volume.voxel_mm[2]
+        if window * voxel < FEWEST_DEAD_ZONES * (far - near) / 2:
+            enough = 8 * ceil(FEWEST_DEAD_ZONES * (far - near) / 2 / voxel / 8)
+            lines.append(
+                f"correlation.windows: the last ones are {window * voxel:.2g} mm deep and particles' images hardly "
+                f"less (the dead zone is {far - near:.2g} mm), so displacements in depth come out too small; give "
+                f"windows {enough} voxels along z"
             )
         seen = coverage(camera, (self.volume.x_mm, self.volume.y_mm, self.volume.z_mm)).every_view
         if seen < 1:
