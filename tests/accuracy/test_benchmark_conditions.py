@@ -24,12 +24,14 @@ def displacements(condition, n=41):
 
 @pytest.mark.parametrize("name", CONDITIONS)
 def test_every_condition_is_an_experiment(name):
-    """Windows fit, f-numbers match, and at most the volume's rim is missed by a view."""
+    """Windows fit, f-numbers match, and at most the volume's rim is missed by a view; what fails is warned about."""
     c = CONDITIONS[name]
     text = experiment_toml(c.camera(), "upright", DT_S, c.volume_mm(), c.voxel_mm(), c.windows)
     experiment = Experiment.from_dict(tomllib.loads(text), f"{name}.toml")
     missed = [line for line in experiment.warnings() if "missed by some views" in line]
-    assert experiment.warnings() == missed
+    shallow = [line for line in experiment.warnings() if "displacements in depth come out too small" in line]
+    assert set(experiment.warnings()) == {*missed, *shallow}
+    assert bool(shallow) == (name == "pmr8")
     assert not missed or c.x_mm is not None
     sides = [hi - lo for lo, hi in c.volume_mm()]
     assert all(s > 1.5 * w * v for s, w, v in zip(sides, c.windows[-1], c.voxel_mm(), strict=True))

@@ -68,7 +68,7 @@ def test_experiment_file_says_what_was_simulated(recorded):
     assert e["recording"]["frames"] == ["a.tif", "b.tif"]
     assert e["recording"]["dt_s"] == 5e-4
     assert [e["volume"][f"{k}_mm"] for k in "xyz"] == [list(map(float, v)) for v in VOLUME]
-    assert e["volume"]["voxel_mm"] == [0.0171428571, 0.0171428571, 0.077]
+    assert e["volume"]["voxel_mm"] == [0.017142857143, 0.017142857143, 0.077]
 
 
 def test_truth_holds_the_displacements_of_the_flow(recorded):

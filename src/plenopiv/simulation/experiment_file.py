@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from plenopiv.cameras.coverage import coverage
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.sensor import Orientation
 from plenopiv.simulation.particles import Limits
@@ -41,7 +42,7 @@ x_mm = {x}
 y_mm = {y}
 z_mm = {z}             # 0 = focal plane, + toward the camera
 voxel_mm = {voxel}
-
+{unseen}
 [reconstruction]
 method = "drt-mart"            # "mart", "drt-mart", ...
 iterations = 5
@@ -54,11 +55,13 @@ overlap = 0.5
 [output]
 directory = "results\""""
 
+UNSEEN = 'unseen = "empty"               # corners that no view sees\n'
+
 
 def default_voxel_mm(camera: PlenopticCamera) -> tuple[float, float, float]:
     """The paper's voxel (section 4) in the object: 36 mm / 2100 over |M| in the plane, p_l / M^2 in depth."""
     m = abs(camera.main_lens.magnification)
-    in_plane = round(36.0 / 2100.0 / m, 10)
+    in_plane = round(36.0 / 2100.0 / m, 12)
     return in_plane, in_plane, round(camera.lattice.pitch_mm / m**2, 10)
 
 
@@ -99,5 +102,6 @@ def experiment_toml(
         y=_floats(volume_mm[1]),
         z=_floats(volume_mm[2]),
         voxel=_floats(voxel_mm),
+        unseen=UNSEEN if coverage(camera, volume_mm).no_view else "",
         windows=[list(map(int, w)) for w in windows],
     )
