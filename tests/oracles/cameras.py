@@ -8,7 +8,6 @@ from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.lattice import Lattice
 from plenopiv.lightfield import Layout
 from plenopiv.optics import conjugate_distances
-from plenopiv.projection.planes import DensePlanes
 from plenopiv.projection.projector import Projector
 from plenopiv.sensor import Sensor
 from plenopiv.volume import SparseVolume, VoxelGrid
@@ -47,9 +46,8 @@ def single_voxel(point_mm, voxel_mm=VOXEL_MM) -> tuple[VoxelGrid, SparseVolume]:
     return grid, SparseVolume.from_mask(grid, np.ones(grid.shape, bool))
 
 
-def projected_point(where: Layout, point_mm, weights="exact", voxel_mm=VOXEL_MM, dense=False) -> np.ndarray:
-    """The projector's light (view, lens) of a point at a voxel's centre, float64; from dense planes if so asked."""
+def projected_point(where: Layout, point_mm, weights="polygons", voxel_mm=VOXEL_MM, **options) -> np.ndarray:
+    """The projector's light (view, lens) of a point at a voxel's centre, float64."""
     grid, volume = single_voxel(point_mm, voxel_mm)
-    projector = Projector(where, grid, weights)
-    volume = DensePlanes.of(volume) if dense else volume
+    projector = Projector(where, grid, weights, **options)
     return np.array([projector.forward(view, volume) for view in range(projector.views)], float)

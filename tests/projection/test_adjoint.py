@@ -8,7 +8,6 @@ from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
 from plenopiv.projection.geometry import Plane, planes
-from plenopiv.projection.planes import DensePlanes
 from plenopiv.projection.projector import RULES, Projector
 from plenopiv.volume import VoxelGrid
 
@@ -34,7 +33,7 @@ def random_setting(seed):
     middle = rng.uniform([-1, -1, -4], [1, 1, 4]) * [field, field, 1]
     first = tuple(float(c - 0.5 * (n - 1) * d) for c, n, d in zip(middle, shape[::-1], voxel, strict=True))
     grid = VoxelGrid(first, tuple(map(float, voxel)), tuple(map(int, shape)))
-    return rng, camera, grid, list(RULES)[seed % len(RULES)]
+    return rng, camera, grid, list(RULES)[seed // 2 % len(RULES)]
 
 
 @pytest.mark.parametrize("first", range(0, 100, 20))
@@ -57,10 +56,4 @@ def test_forward_and_back_are_transposes(first):
         assert abs(ax @ y - (x * back).sum()) <= 1e-6 * sizes, (seed, rule)
 
         met += sizes > 0
-        if rule != "exact":
-            continue
-        ax, out = projector.forward(view, DensePlanes.of(listed)).astype(float), DensePlanes.empty(grid)
-        projector.adjoint(view, y, out)
-        back = out.inside.astype(float)
-        assert abs(ax @ y - (x * back).sum()) <= 1e-6 * np.linalg.norm(ax) * np.linalg.norm(y), (seed, rule)
     assert met >= 15  # the identity holds of something

@@ -1,4 +1,4 @@
-"""Sparse and dense kernels say the same, and no result depends on the number of threads."""
+"""Maps and polygons say the same, and no result depends on the number of threads."""
 
 import numba
 import numpy as np
@@ -6,8 +6,8 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.planes import DensePlanes
-from plenopiv.projection.projector import DENSE_ABOVE, Projector
+from plenopiv.projection.maps import ACROSS
+from plenopiv.projection.projector import Projector
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 GRID = VoxelGrid.covering((-0.41, 0.39), (-0.3, 0.33), (-2.1, 2.0), (0.0385, 0.0385, 0.0385 * 4))
@@ -36,70 +36,46 @@ def threads():
     numba.set_num_threads(before)
 
 
+@pytest.mark.parametrize(("across", "limit", "lost"), [(40.0, 0.04, 1e-3), (ACROSS, 0.2, 0.02)])
 @pytest.mark.parametrize("name", LATTICES)
-def test_sparse_is_dense(name, threads):
-    """But for a voxel's place, which is rounded, and pixels at the rim, which are rectangles; no light is lost."""
+def test_maps_are_polygons(name, across, limit, lost, threads):
+    """But for what they interpolate, the less the more points they have, and pixels at the rim. Voxels of half a
+    microlens, 3 % of them lit."""
     threads(1)
-    where, projector, volume = setting(name, "exact")
-    dense = DensePlanes.of(volume)
-    views = range(0, projector.views, 3)
-    one = np.array([projector.forward(v, volume) for v in views])
-    other = np.array([projector.forward(v, dense) for v in views])
+    where, polygons, volume = setting(name, "polygons")
+    mapped = Projector(where, GRID, "exact", across)
+    views = range(0, polygons.views, 3)
+    one = np.array([polygons.forward(v, volume) for v in views])
+    other = np.array([mapped.forward(v, volume) for v in views])
     off = (one - other)[where.seen[::3]]
     print(f"\n{name}: rms {np.std(off) / np.std(one):.4f}, sum {other.sum() / one.sum() - 1:+.1e}")
-    assert np.std(off) <= 0.1 * np.std(one)  # voxels as large as microlenses, 3 % of them lit
-    assert other.sum() == pytest.approx(one.sum(), rel=2e-3)
+    assert np.std(off) <= limit * np.std(one)
+    assert other.sum() == pytest.approx(one.sum(), rel=lost)
     assert not one[~where.seen[::3]].any()
     assert not other[~where.seen[::3]].any()
 
 
-def test_footprints_are_dark_only_where_no_voxel_shines(threads):
-    """The map of tiles changes nothing."""
+@pytest.mark.parametrize("strip", [1, 1 << 12, 1 << 30])
+def test_strips_change_nothing_but_rounding(strip, threads, monkeypatch):
+    """From the lowest that hold one row of voxels to whole planes, with maps finer and coarser than the voxels."""
     threads(1)
-    _, projector, volume = setting("hexagonal", "exact", share=0.002)
-    dense, flagged = DensePlanes.of(volume), DensePlanes.of(volume)
-    flagged.tiles[:] = 1
-    assert 0 < dense.tiles.mean() < 0.2
-    rng = np.random.default_rng(1)
-    for view in range(0, projector.views, 7):
-        np.testing.assert_array_equal(projector.forward(view, dense), projector.forward(view, flagged))
-        image = rng.normal(size=projector.layout.lenses)
-        projector.multiply(view, 0.1 * image, dense)
-        projector.multiply(view, 0.1 * image, flagged)
-        np.testing.assert_array_equal(dense.values, flagged.values)
-
-
-def test_dense_planes_of_a_volume_and_back():
-    _, _, volume = setting("square", "exact")
-    dense = DensePlanes.of(volume)
-    np.testing.assert_array_equal(dense.inside, volume.dense().values)
-    back, faint = dense.listed(), float(np.median(volume.values))
-    for name in ("row_start", "column", "values"):
-        np.testing.assert_array_equal(getattr(back, name), getattr(volume, name))
-    bright = volume.keeping(volume.values > faint)
-    assert dense.keep_above(faint) == bright.column.size
-    np.testing.assert_array_equal(dense.inside, bright.dense().values)
-
-
-def test_forms_are_chosen_by_occupancy_and_are_copies():
-    _, projector, few = setting("square", "exact", share=0.5 * DENSE_ABOVE)
-    working = projector.working_form(few)
-    assert isinstance(working, SparseVolume)
-    assert not np.shares_memory(working.values, few.values)
-    _, projector, many = setting("square", "exact", share=0.5 + 0.5 * DENSE_ABOVE)
-    working = projector.working_form(many)
-    assert isinstance(working, DensePlanes)
-    np.testing.assert_array_equal(working.inside, many.dense().values)
-    share = float(np.quantile(many.values, 1 - 0.5 * DENSE_ABOVE) / many.values.mean())
-    assert isinstance(projector.thinned(working, 0.1), DensePlanes)
-    want = many.keeping(many.values > share * many.values.mean())
-    for form in (DensePlanes.of(many), many):
-        thinned = projector.thinned(form, share)
-        assert isinstance(thinned, SparseVolume)
-        np.testing.assert_array_equal(thinned.column, want.column)
-        np.testing.assert_array_equal(thinned.values, want.values)
-    _, rays, _ = setting("square", "1-ray")
-    assert isinstance(rays.working_form(many), SparseVolume)
+    fine = VoxelGrid.covering((-0.2, 0.2), (-0.3, 0.3), (-9.0, 9.0), (0.01, 0.01, 1.8))
+    where = layout(small_camera("hexagonal", pmr=8, rotation_rad=0.01))
+    whole = Projector(where, fine, "exact")
+    shape = whole.mapped.maps.shape
+    assert shape[:, 4].max() > 1
+    assert shape[:, 5].max() > 0
+    cut = Projector(where, fine, "exact")
+    cut.mapped.strip = strip
+    rng = np.random.default_rng(4)
+    volume = SparseVolume.from_mask(fine, rng.random(fine.shape) < 0.05)
+    volume = volume.with_values(rng.random(volume.column.size).astype(np.float32))
+    for view in (0, whole.views // 2, whole.views - 1):
+        image = rng.normal(size=where.lenses).astype(np.float32)
+        one, other = (p.forward(view, volume) for p in (whole, cut))
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-6 * one.max())
+        one, other = (p.gather(view, image, volume) for p in (whole, cut))
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-6 * np.abs(one).max())
 
 
 @pytest.mark.parametrize("name", ["square, 1 deg", "hexagonal"])
@@ -107,23 +83,22 @@ def test_results_do_not_depend_on_threads(name, threads):
     if numba.config.NUMBA_NUM_THREADS < 2:
         pytest.skip("one thread only")
     where, projector, volume = setting(name, "exact")
-    dense = DensePlanes.of(volume)
+    polygons = Projector(where, GRID, "polygons")
     rng = np.random.default_rng(3)
     image = rng.normal(size=where.lenses).astype(np.float32)
     bound = rng.uniform(0.0, 100.0, where.seen.shape).astype(np.float32)
     found = []
     for count in (1, 2):
         threads(count)
-        back, product = DensePlanes.empty(GRID), DensePlanes.of(volume)
-        projector.adjoint(20, image, back)
+        product = volume.with_values(volume.values.copy())
         projector.multiply(20, 0.1 * image, product)
         found.append(
             [
                 projector.forward(20, volume),
-                projector.forward(20, dense),
                 projector.gather(20, image, volume),
-                back.values,
                 product.values,
+                polygons.forward(20, volume),
+                polygons.gather(20, image, volume),
                 projector.voxels_within(bound, 2000.0).column,
             ]
         )

@@ -9,14 +9,18 @@ from oracles.naive_projection import exact_light, ray_light
 
 from plenopiv.lightfield import layout
 from plenopiv.projection.geometry import Plane, planes
-from plenopiv.projection.planes import DensePlanes
 from plenopiv.projection.projector import Projector
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 GRID = VoxelGrid((-0.0761, -0.0483, -2.213), (0.0385, 0.041, 1.03), (5, 2, 3))
-NAIVE = {"exact": exact_light, "9-rays": lambda *a: ray_light(*a, 9), "1-ray": lambda *a: ray_light(*a, 1)}
+NAIVE = {
+    "polygons": exact_light,
+    "exact": exact_light,
+    "9-rays": lambda *a: ray_light(*a, 9),
+    "1-ray": lambda *a: ray_light(*a, 1),
+}
 
 
 class Case:
@@ -30,7 +34,7 @@ class Case:
         inner = np.hypot(*(np.abs(where.offsets) + 1.05).T) <= camera.aperture_radius_px
         self.where = replace(where, seen=where.seen & inner[:, None])
         self.views = np.flatnonzero(inner)
-        self.projector = Projector(self.where, GRID, rule)
+        self.projector = Projector(self.where, GRID, rule, across=40.0)
         x, y, z = GRID.axes()
         points = [(px, py, pz) for pz in z for py in y for px in x]
         self.weights = np.array([NAIVE[rule](self.where, p) for p in points])
@@ -45,11 +49,17 @@ class Case:
     def shares(self):
         return self.weights / self.light[:, None, None]
 
-    def sparse(self, values=None):
-        return self.projector.every_voxel().with_values(self.values if values is None else values)
+    def volume(self):
+        return self.projector.every_voxel().with_values(self.values.copy())
 
-    def dense(self, values=None):
-        return DensePlanes.of(self.sparse(values))
+    def close(self, got, want):
+        """To rounding. Maps interpolate as well, which next to focus, where light ends sharply, is some hundredths of
+        the largest share (voxels of half a microlens); see test_light_of_a_point for real ones."""
+        if self.rule != "exact":
+            np.testing.assert_allclose(got, want, rtol=0, atol=3e-5 * np.abs(want).max())
+        else:
+            np.testing.assert_allclose(got, want, rtol=0, atol=0.1 * np.abs(want).max())
+            assert np.std(got - want) < 0.05 * np.std(want)
 
 
 CASES = {}
@@ -62,65 +72,29 @@ def case(request):
     return CASES[request.param]
 
 
-def close(got, want, form="sparse"):
-    """To rounding. Dense planes round a voxel's place to 1/64 of it as well, which next to focus, where light ends
-    sharply, is a tenth of a share here (voxels of a whole microlens); see test_light_of_a_point for real ones."""
-    if form == "sparse":
-        np.testing.assert_allclose(got, want, rtol=0, atol=3e-5 * np.abs(want).max())
-    else:
-        np.testing.assert_allclose(got, want, rtol=0, atol=0.1 * np.abs(want).max())
-        assert np.std(got - want) < 0.05 * np.std(want)
-
-
-def skip_rays(case, form):
-    if form == "dense" and case.rule != "exact":
-        pytest.skip("dense planes are projected by exact areas alone")
-
-
 def test_there_is_something_to_compare(case):
     assert case.views.size >= 20
     assert (case.weights.sum((1, 2)) > 0.3).all()  # the inner views hold most of the light of every voxel
 
 
-@pytest.mark.parametrize("form", ["sparse", "dense"])
-def test_forward(case, form):
-    skip_rays(case, form)
-    volume = getattr(case, form)()
-    got = np.array([case.projector.forward(v, volume) for v in range(case.projector.views)])
-    close(got, np.tensordot(case.values.astype(float), case.weights, 1), form)
+def test_forward(case):
+    got = np.array([case.projector.forward(v, case.volume()) for v in range(case.projector.views)])
+    case.close(got, np.tensordot(case.values.astype(float), case.weights, 1))
 
 
-def test_sparse_gather(case):
-    got = sum(case.projector.gather(v, case.image[v], case.sparse()).astype(float) for v in case.views)
-    close(got, np.tensordot(case.shares, case.image.astype(float), 2))
+def test_gather(case):
+    got = sum(case.projector.gather(v, case.image[v], case.volume()).astype(float) for v in case.views)
+    case.close(got, np.tensordot(case.shares, case.image.astype(float), 2))
 
 
-def test_dense_adjoint(case):
-    skip_rays(case, "dense")
-    out = DensePlanes.empty(GRID)
-    for v in case.views:
-        case.projector.adjoint(v, case.image[v], out)
-    close(out.inside.ravel(), np.tensordot(case.weights, case.image.astype(float), 2), "dense")
-    assert not out.values[:, :, GRID.shape[2] :].any()
-
-
-def test_dense_planes_are_refused_where_rays_are_asked_for(case):
-    if case.rule == "exact":
-        pytest.skip("exact areas")
-    with pytest.raises(ValueError, match="exact areas alone"):
-        case.projector.forward(0, case.dense())
-
-
-@pytest.mark.parametrize("form", ["sparse", "dense"])
-def test_multiply(case, form):
-    skip_rays(case, form)
-    volume = getattr(case, form)(case.values.copy())
+def test_multiply(case):
+    volume = case.volume()
     want = case.values.astype(float)
-    image = (1.0 if form == "sparse" else 0.1) * case.image
+    image = (0.1 if case.rule == "exact" else 1.0) * case.image
     for v in case.views:
         case.projector.multiply(v, image[v], volume)
         want = want * np.maximum(1 + case.shares[:, v] @ image[v].astype(float), 0)
-    close(volume.values if form == "sparse" else volume.inside.ravel(), want, form)
+    case.close(volume.values, want)
 
 
 def test_sparse_volumes_may_leave_rows_and_planes_empty(case):
@@ -128,4 +102,4 @@ def test_sparse_volumes_may_leave_rows_and_planes_empty(case):
     mask[1], mask[3, 1] = False, False
     volume = SparseVolume.from_mask(GRID, mask).with_values(case.values[mask.ravel()])
     got = np.array([case.projector.forward(v, volume) for v in range(case.projector.views)])
-    close(got, np.tensordot(case.values[mask.ravel()].astype(float), case.weights[mask.ravel()], 1))
+    case.close(got, np.tensordot(case.values[mask.ravel()].astype(float), case.weights[mask.ravel()], 1))

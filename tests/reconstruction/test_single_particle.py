@@ -6,6 +6,7 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import decode, layout
+from plenopiv.projection.maps import ACROSS
 from plenopiv.projection.projector import Projector
 from plenopiv.reconstruction.candidates import dark_to_light, most_light
 from plenopiv.reconstruction.chain import reconstruct
@@ -33,10 +34,10 @@ def image_of(kind, place, electrons=ELECTRONS):
     return particle_image(CAMERAS[kind], Particles(np.array([place], float), np.array([electrons])), rays=200_000)
 
 
-def reconstructed(kind, image, **settings):
+def reconstructed(kind, image, across=ACROSS, **settings):
     where = LAYOUTS[kind]
     settings = ReconstructionSettings(**{"method": "drt-mart", "iterations": 5, **settings})
-    projector = Projector(where, GRID, settings.weights)
+    projector = Projector(where, GRID, settings.weights, across)
     return reconstruct(decode(image, where), projector, settings)
 
 
@@ -47,10 +48,12 @@ def centre_of_light(volume):
     return np.array([(values.sum((0, 1)) @ x), (values.sum((0, 2)) @ y), (values.sum((1, 2)) @ z)]) / total, total
 
 
+@pytest.mark.parametrize(("across", "limit"), [(ACROSS, 0.06), (14.0, 0.03)])
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
 @pytest.mark.parametrize("place", PLACES, ids=str)
-def test_a_particle_is_found_at_its_place(kind, place):
-    found = reconstructed(kind, image_of(kind, place))
+def test_a_particle_is_found_at_its_place(kind, place, across, limit):
+    """With all of its light, to what interpolation on the maps leaves."""
+    found = reconstructed(kind, image_of(kind, place), across)
     centre, total = centre_of_light(found.volume)
     off = (centre - place) / GRID.voxel_mm
     print(
@@ -58,7 +61,7 @@ def test_a_particle_is_found_at_its_place(kind, place):
         f"DRT left {found.candidates:.4f}"
     )
     assert np.abs(off).max() < 1.0
-    assert total == pytest.approx(ELECTRONS, rel=0.04)
+    assert total == pytest.approx(ELECTRONS, rel=limit)
     peak = np.unravel_index(found.volume.dense().values.argmax(), GRID.shape)
     at = [axis[k] for axis, k in zip(GRID.axes(), peak[::-1], strict=True)]
     assert (np.abs(np.array(at) - place) <= 1.01 * np.array(GRID.voxel_mm)).all()

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.lightfield import Layout
 from plenopiv.volume import VoxelGrid
 
 SMALLEST = 0.01  # half side of a pixel's square, cells: float32 does not resolve the area of a smaller one
@@ -101,3 +102,24 @@ def rows(camera: PlenopticCamera, grid: VoxelGrid) -> Rows:
         f(grid.first_mm[0] / grid.voxel_mm[0]),
         f(grid.first_mm[1] / grid.voxel_mm[1]),
     )
+
+
+def lenses_mm(layout: Layout) -> NDArray[np.float32]:
+    """Centres of the microlenses, (lens, 2), s and t."""
+    j, i = np.mgrid[layout.j0 : layout.j0 + layout.nj, layout.i0 : layout.i0 + layout.ni]
+    return np.stack(layout.camera.lattice.centres(i.ravel(), j.ravel()), -1).astype(np.float32)
+
+
+def ends(
+    layout: Layout, geo: Rows, table: NDArray[np.float32], lens_mm: NDArray[np.float32], view: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where the pixels of a view meet the first and the last plane of ``table`` (``planes``): columns and rows, each
+    (2, lens), in voxels. In between, light runs straight."""
+    (m, n), found = layout.offsets[view], []
+    for k in (0, -1):
+        plane = Plane(*table[k].astype(np.float64))
+        column = plane.voxel_s * lens_mm[:, 0] + plane.step_x * (m - layout.phase[:, 0]) - geo.x0
+        row = plane.voxel_t * lens_mm[:, 1] + plane.step_y * (layout.phase[:, 1] - n) - geo.y0
+        found.append((column, row))
+    columns, rows_of_voxels = zip(*found, strict=True)
+    return np.stack(columns), np.stack(rows_of_voxels)

@@ -49,6 +49,14 @@ def reach_of(geo, plane, rule):
     return F(0.5) + half, (TIP if geo.hexagonal else F(0.5)) + half
 
 
+@kernel
+def box_of(geo, plane, rule):
+    """Half widths in voxels, along x and y, of the box around a footprint."""
+    wide, high = reach_of(geo, plane, rule)
+    c, s = abs(geo.cos), abs(geo.sin)
+    return (c * wide + s * high) / abs(plane.cell_x), (c * high + s * wide) / abs(plane.cell_y)
+
+
 @inlined
 def patch_area(geo, x, y, half_x, half_y):
     """Area of a patch centred at (x, y) cells in the microlens' cell.

@@ -10,40 +10,38 @@ from numpy.typing import NDArray
 
 from plenopiv.cameras.coverage import half_sensor_mm
 from plenopiv.lightfield import Layout
-from plenopiv.projection import dense, geometry, pixels, pruning, sparse
-from plenopiv.projection.patterns import Patterns, patterns
-from plenopiv.projection.planes import DensePlanes
+from plenopiv.projection import geometry, pixels, pruning, sparse
+from plenopiv.projection.mapped import MappedViews
+from plenopiv.projection.maps import ACROSS
 from plenopiv.volume import SparseVolume, VoxelGrid
 
-Working = DensePlanes | SparseVolume
-RULES = {"1-ray": pixels.ONE_RAY, "9-rays": pixels.NINE_RAYS, "exact": pixels.EXACT}
+RULES = {"1-ray": pixels.ONE_RAY, "9-rays": pixels.NINE_RAYS, "exact": pixels.EXACT, "polygons": pixels.EXACT}
 CHUNKS = 64  # of rows of voxels, shared out among threads
 NOTHING = np.empty(1, np.float32)
 PARTIAL_IMAGES = 16  # of one view, summed in order
 SLAB = 16  # planes pruned at once
-DENSE_ABOVE = 0.02  # share of voxels listed from which dense kernels are the faster ones (measured)
 
 
 class Projector:
     """Between a volume and the views of a plenoptic camera.
 
-    A volume is a ``SparseVolume`` or ``DensePlanes``; those are projected by tabulated exact areas alone, a voxel's
-    place rounded to 1/16 to 1/64 of it. A voxel's value is its light: the sum of the counts that it gives in all pixels
-    when the whole aperture sees it. Images of a view are float32 (lens,), in counts.
+    A voxel's value is its light: the sum of the counts that it gives in all pixels when the whole aperture sees it.
+    Images of a view are float32 (lens,), in counts.
 
-    ``weights``: "1-ray" (the centre of each pixel's portion of the main lens), "9-rays", or "exact" areas.
+    ``weights``: "1-ray" (the centre of each pixel's portion of the main lens), "9-rays", "exact" areas by maps of each
+    plane (``maps``) with ``across`` points across a footprint, or "polygons", the same areas voxel by voxel and lens by
+    lens, slower: what maps are held against.
     """
 
-    def __init__(self, layout: Layout, grid: VoxelGrid, weights: str = "exact"):
+    def __init__(self, layout: Layout, grid: VoxelGrid, weights: str = "exact", across: float = ACROSS):
         camera = layout.camera
         self.layout, self.grid, self.rule = layout, grid, RULES[weights]
-        j, i = np.mgrid[layout.j0 : layout.j0 + layout.nj, layout.i0 : layout.i0 + layout.ni]
-        self._lens_mm = np.stack(camera.lattice.centres(i.ravel(), j.ravel()), -1).astype(np.float32)
+        self._lens_mm = geometry.lenses_mm(layout)
         self._box = (layout.i0, layout.j0, layout.ni, layout.nj)
         self._rows, self._planes = geometry.rows(camera, grid), geometry.planes(camera, grid)
         m, n = np.abs(layout.offsets).T
-        self._patterns: Patterns | None = None  # made when first a dense volume is projected
         self._rim = np.hypot(m + 1.05, n + 1.05) > camera.aperture_radius_px  # phase and drift move a pixel by 0.55
+        self.mapped = MappedViews(layout, grid, self._rim, across) if weights == "exact" else None
 
     @property
     def views(self) -> int:
@@ -78,28 +76,11 @@ class Projector:
         """The voxels that the middle of the aperture sees, each of value 1."""
         return SparseVolume.from_planes(self.grid, self.seen_from_the_middle())
 
-    def working_form(self, volume: SparseVolume) -> Working:
-        """A copy of the volume in the form in which its views are computed sooner: dense, for exact areas, unless few
-        voxels are listed."""
-        if volume.occupancy < DENSE_ABOVE or self.rule != pixels.EXACT:
-            return volume.with_values(volume.values.copy())
-        return DensePlanes.of(volume)
-
-    def thinned(self, volume: Working, share: float) -> Working:
-        """The voxels of ``volume`` brighter than ``share`` of their mean, in the form that suits their number. A dense
-        ``volume`` is changed."""
-        if isinstance(volume, SparseVolume):
-            mean = float(volume.values.mean(dtype=np.float64)) if volume.values.size else 0.0
-            return volume.keeping(volume.values > share * mean)
-        left = volume.keep_above(share * volume.mean())
-        return volume.listed() if left < DENSE_ABOVE * self.grid.size else volume
-
-    def forward(self, view: int, volume: Working) -> NDArray[np.float32]:
+    def forward(self, view: int, volume: SparseVolume) -> NDArray[np.float32]:
         """The volume's light in one view, (lens,); 0 where the pixel is no equation."""
+        if self.mapped is not None:
+            return self.mapped.forward(view, volume)
         partial = np.empty((PARTIAL_IMAGES, self.layout.lenses), np.float32)
-        if isinstance(volume, DensePlanes):
-            dense.forward(*self._dense(view), volume.values, volume.tiles, partial)
-            return partial.sum(0)
         self._walk(view, volume, PARTIAL_IMAGES, NOTHING, partial, NOTHING, True)
         image = partial.sum(0)
         image[~self.layout.seen[view]] = 0.0
@@ -109,20 +90,20 @@ class Projector:
         """For each listed voxel the sum of ``image`` over the pixels that it lights, each by its lit share of the
         pixel."""
         out = np.empty(volume.values.size, np.float32)
+        if self.mapped is not None:
+            self.mapped.gather(view, image, volume, out)
+            return out
         seen = np.where(self.layout.seen[view], image, 0.0).astype(np.float32)
         self._walk(view, volume, CHUNKS, seen, np.empty((1, 1), np.float32), out, False)
         return out
 
-    def adjoint(self, view: int, image: NDArray[np.float32], out: DensePlanes) -> None:
-        """Add the transpose of ``forward`` on dense planes, applied to ``image``, to the voxels of ``out``."""
-        dense.adjoint(*self._dense(view), image.astype(np.float32), out.values)
-
-    def multiply(self, view: int, correction: NDArray[np.float32], volume: Working) -> None:
-        """Multiply each voxel by 1 plus the share-weighted sum of ``correction`` over the pixels that it lights."""
-        if isinstance(volume, SparseVolume):
-            volume.values[:] *= np.maximum(1 + self.gather(view, correction, volume), 0)
+    def multiply(self, view: int, correction: NDArray[np.float32], volume: SparseVolume) -> None:
+        """Multiply each voxel by 1 plus the share-weighted sum of ``correction`` over the pixels that it lights, or
+        empty it where that is negative."""
+        if self.mapped is not None:
+            self.mapped.multiply(view, correction, volume)
         else:
-            dense.multiply(*self._dense(view), correction.astype(np.float32), volume.values, volume.tiles)
+            volume.values[:] *= np.maximum(1 + self.gather(view, correction, volume), 0)
 
     def light_of_planes(self) -> NDArray[np.float32]:
         """Share of a voxel's light that a wholly lit pixel collects, by plane (nz,)."""
@@ -139,22 +120,16 @@ class Projector:
 
     def looks_through(self, view: int) -> NDArray[np.bool_]:
         """The lenses (lens,) whose pixel in a view meets every plane inside the grid."""
-        where, (nz, ny, nx) = self.layout, self.grid.shape
-        m, n = where.offsets[view]
-        inside = where.seen[view].copy()
-        for k in (0, nz - 1):
-            plane = geometry.Plane(*self._planes[k].astype(np.float64))
-            column = plane.voxel_s * self._lens_mm[:, 0] + plane.step_x * (m - where.phase[:, 0]) - self._rows.x0
-            row = plane.voxel_t * self._lens_mm[:, 1] + plane.step_y * (where.phase[:, 1] - n) - self._rows.y0
-            inside &= (column >= 0) & (column <= nx - 1) & (row >= 0) & (row <= ny - 1)
-        return inside
+        column, row = geometry.ends(self.layout, self._rows, self._planes, self._lens_mm, view)
+        _, ny, nx = self.grid.shape
+        inside = (column >= 0) & (column <= nx - 1) & (row >= 0) & (row <= ny - 1)
+        return self.layout.seen[view] & inside.all(0)
 
     def voxels_within(self, bound: NDArray[np.float32], particle: float) -> SparseVolume:
         """The seen voxels in which a particle of ``particle`` counts gives no pixel more than ``bound`` (view, lens).
 
         Views that lie inside the aperture come first, the outermost of them before the others: they differ most and are
-        quicker to compute than those at its rim. Exact weights are the least within
-        a voxel.
+        quicker to compute than those at its rim. Exact weights are the least within a voxel.
         """
         where = self.layout
         order = np.lexsort((-np.hypot(*where.offsets.T), self._rim))
@@ -209,13 +184,3 @@ class Projector:
             out,
             scatter,
         )
-
-    def _dense(self, view: int):
-        if self.rule != pixels.EXACT:
-            raise ValueError("dense planes are projected by exact areas alone; list the voxels")
-        if self._patterns is None:
-            self._patterns = patterns(self._rows, self._planes)
-        where, table = self.layout, self._patterns
-        m, n = where.offsets[view].astype(np.float32)
-        pixels_of_view = bool(self._rim[view]), m, n, self._lens_mm, where.phase, where.seen[view]
-        return self._rows, self._planes, table.shares, table.shape, table.start, table.reach, *pixels_of_view

@@ -14,6 +14,7 @@ from plenopiv.projection.pixels import (
     EXACT,
     ONE_RAY,
     STRIPS,
+    box_of,
     floor_of,
     pixel_share,
     plane_of,
@@ -25,9 +26,7 @@ from plenopiv.projection.pixels import (
 
 LANES = 16  # voxels of a row computed at once: the widest float32 vector
 F = np.float32
-LEAST_SHARE = (
-    0.05  # of the largest that a voxel of the plane gives: so far at its footprint's rim a voxel is not judged
-)
+LEAST_SHARE = 0.05  # of the largest that a voxel of the plane gives: one so far at its footprint's rim is not judged
 INTEGRATION = 64  # samples across a pixel's footprint
 
 
@@ -77,10 +76,7 @@ def footprint_of(geo, plane, rule, s, t, qx, qy):
     """Where a pixel's light comes from in a plane: centre and half widths (voxels, x and y) of the box around it."""
     cx = plane.voxel_s * s + plane.step_x * qx - geo.x0
     cy = plane.voxel_t * t + plane.step_y * qy - geo.y0
-    wide, high = reach_of(geo, plane, rule)
-    c, s = abs(geo.cos), abs(geo.sin)
-    reach_x = (c * wide + s * high) / abs(plane.cell_x)
-    reach_y = (c * high + s * wide) / abs(plane.cell_y)
+    reach_x, reach_y = box_of(geo, plane, rule)
     return cx, cy, reach_x, reach_y
 
 

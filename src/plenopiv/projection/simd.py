@@ -1,15 +1,16 @@
-"""The one inner loop that a compiler's vectoriser does not get right: a product of two small rectangles.
+"""The two inner loops that a compiler's vectoriser does not get right: products of two small rectangles.
 
-A loop over rows of 8 to 24 columns ends each row with a sum across the vector, which takes longer than the products.
-Here sums stay vectors to the end, four of them, so that no addition waits for the last. Written in LLVM's terms; the
-same as
+A loop over rows of 8 to 24 columns ends each row with a sum across the vector, or with a check how many columns are
+left, which takes longer than the products. Here a row is as many whole vectors as it has columns, told apart once for
+all rows, and sums stay vectors to the end. Written in LLVM's terms; the same as
 
     sum(shares[at + r * columns + x] * values[begin + r * nx + x] for r in range(rows) for x in range(columns))
+    values[begin + r * nx + x] += factor * shares[at + r * columns + x]
 
-in a fixed order. 3.4 times as fast for 16 x 16.
+in a fixed order.
 """
 
-# numba calls the function below with its typing context, which has no use here
+# numba calls the functions below with its typing context, which has no use here
 
 from __future__ import annotations
 
@@ -19,9 +20,36 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 LANES = 8
-SUMS = 4
-INDEX = ir.IntType(64)
+WIDEST = 6  # vectors in a row that are told apart
+INDEX, LANE = ir.IntType(64), ir.IntType(32)
 VECTOR = ir.VectorType(ir.FloatType(), LANES)
+ZERO = ir.Constant(VECTOR, [0.0] * LANES)
+
+
+def _vector_at(builder, start, offset):
+    return builder.bitcast(builder.gep(start, [offset]), VECTOR.as_pointer())
+
+
+def _load(builder, start, offset):
+    vector = builder.load(_vector_at(builder, start, offset))
+    vector.align = 4
+    return vector
+
+
+def _for_each_row(builder, columns, rows, shares, values, nx, work):
+    """``work(vectors, share, value)`` for each row, with pointers to its first share and value and the number of
+    vectors in a row; where these are more than WIDEST, for one vector after the other."""
+    for vectors in range(1, WIDEST + 1):
+        known = builder.icmp_signed("==", columns, ir.Constant(INDEX, vectors * LANES))
+        with builder.if_then(known), cgutils.for_range(builder, rows) as row:
+            share = builder.gep(shares, [builder.mul(row.index, ir.Constant(INDEX, vectors * LANES))])
+            work(vectors, share, builder.gep(values, [builder.mul(row.index, nx)]))
+    wide = builder.icmp_signed(">", columns, ir.Constant(INDEX, WIDEST * LANES))
+    with builder.if_then(wide), cgutils.for_range(builder, rows) as row:
+        first, value = builder.mul(row.index, columns), builder.mul(row.index, nx)
+        with cgutils.for_range(builder, builder.sdiv(columns, ir.Constant(INDEX, LANES))) as block:
+            x = builder.mul(block.index, ir.Constant(INDEX, LANES))
+            work(1, builder.gep(shares, [builder.add(first, x)]), builder.gep(values, [builder.add(value, x)]))
 
 
 @intrinsic
@@ -32,40 +60,54 @@ def row_products(typing, shares, at, columns, values, begin, nx, rows):
 
     def generate(context, builder, signature, arguments):
         one, at, columns, two, begin, nx, rows = arguments
-        one = context.make_array(signature.args[0])(context, builder, one).data
-        two = context.make_array(signature.args[3])(context, builder, two).data
-        sums = [cgutils.alloca_once_value(builder, ir.Constant(VECTOR, [0.0] * LANES)) for _ in range(SUMS)]
+        one = builder.gep(context.make_array(signature.args[0])(context, builder, one).data, [at])
+        two = builder.gep(context.make_array(signature.args[3])(context, builder, two).data, [begin])
+        sums = [cgutils.alloca_once_value(builder, ZERO) for _ in range(WIDEST)]
+        for total in sums:  # the stack's slot is filled once, on entry
+            builder.store(ZERO, total)
 
-        def number(value):
-            return ir.Constant(INDEX, value)
+        def multiply(vectors, share, value):
+            for n in range(vectors):
+                offset = ir.Constant(INDEX, n * LANES)
+                product = builder.fmul(
+                    _load(builder, share, offset), _load(builder, value, offset), flags=("contract",)
+                )
+                builder.store(builder.fadd(builder.load(sums[n]), product, flags=("contract",)), sums[n])
 
-        def load(array, index):
-            vector = builder.load(builder.bitcast(builder.gep(array, [index]), VECTOR.as_pointer()))
-            vector.align = 4
-            return vector
-
-        def multiply_row(row, x, total):
-            a = load(one, builder.add(builder.add(at, builder.mul(row, columns)), x))
-            b = load(two, builder.add(builder.add(begin, builder.mul(row, nx)), x))
-            product = builder.fmul(a, b, flags=("contract",))
-            builder.store(builder.fadd(builder.load(total), product, flags=("contract",)), total)
-
-        in_fours = builder.sdiv(rows, number(SUMS))
-        done = builder.mul(in_fours, number(SUMS))
-        with cgutils.for_range(builder, builder.sdiv(columns, number(LANES))) as block:
-            x = builder.mul(block.index, number(LANES))
-            with cgutils.for_range(builder, in_fours) as four:
-                first = builder.mul(four.index, number(SUMS))
-                for n, total in enumerate(sums):
-                    multiply_row(builder.add(first, number(n)), x, total)
-            with cgutils.for_range(builder, builder.sub(rows, done)) as rest:
-                multiply_row(builder.add(done, rest.index), x, sums[0])
+        _for_each_row(builder, columns, rows, one, two, nx, multiply)
         vector = builder.load(sums[0])
         for total in sums[1:]:
             vector = builder.fadd(vector, builder.load(total))
         result = ir.Constant(ir.FloatType(), 0.0)
         for lane in range(LANES):
-            result = builder.fadd(result, builder.extract_element(vector, ir.Constant(ir.IntType(32), lane)))
+            result = builder.fadd(result, builder.extract_element(vector, ir.Constant(LANE, lane)), flags=("reassoc",))
         return result
+
+    return signature, generate
+
+
+@intrinsic
+def add_products(typing, shares, at, columns, factor, values, begin, nx, rows):
+    """Add ``factor`` times ``rows`` x ``columns`` of ``shares`` to ``values``, laid out as for ``row_products``."""
+    integers = types.int64, types.int64
+    signature = types.void(shares, *integers, types.float32, values, *integers, types.int64)
+
+    def generate(context, builder, signature, arguments):
+        one, at, columns, factor, two, begin, nx, rows = arguments
+        one = builder.gep(context.make_array(signature.args[0])(context, builder, one).data, [at])
+        two = builder.gep(context.make_array(signature.args[4])(context, builder, two).data, [begin])
+        factors = ir.Constant(VECTOR, ir.Undefined)
+        for lane in range(LANES):
+            factors = builder.insert_element(factors, factor, ir.Constant(LANE, lane))
+
+        def add(vectors, share, value):
+            for n in range(vectors):
+                offset = ir.Constant(INDEX, n * LANES)
+                product = builder.fmul(_load(builder, share, offset), factors, flags=("contract",))
+                total = builder.fadd(_load(builder, value, offset), product, flags=("contract",))
+                builder.store(total, _vector_at(builder, value, offset)).align = 4
+
+        _for_each_row(builder, columns, rows, one, two, nx, add)
+        return context.get_dummy_value()
 
     return signature, generate

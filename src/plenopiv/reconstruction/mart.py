@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from plenopiv.projection.projector import Projector
 from plenopiv.volume import SparseVolume
 
-THIN_EVERY = 32  # views
+THIN_EVERY = 16  # views
 
 Progress = Callable[[int, int], None]
 
@@ -40,26 +40,28 @@ def mart(
     """The volume, among the voxels of ``volume``, whose views are ``values`` (view, lens), in counts.
 
     ``floor`` (counts, the dark noise) is added to measured and projected light, so that a pixel's noise does not empty
-    a voxel. Views come in a new random order each round: neighbours say nearly the same. The first round, which only
-    has to find where light is, takes twice the ``relaxation``. Every few views voxels that hold no more than ``thin``
-    of the mean of those that hold light are left out, but for the last of several rounds, which shares out their light.
-    Returns the volume and the RMS residual, in counts, that each round met.
+    a voxel. Views come in a new random order each round: neighbours say nearly the same. ``relaxation`` falls from
+    twice its value in the first round, which has to find where light is, to its value in the last. Every few views
+    voxels that hold no more than ``thin`` of the mean are left out: less of it during the first round, in proportion to
+    the views that have spoken, and none in the last of several, which shares out their light. Returns the volume and
+    the RMS residual, in counts, that each round met.
     """
     seen = projector.layout.seen
     measured = np.maximum(values, 0.0) + np.float32(floor)
     rng = np.random.default_rng(seed)
     residuals = []
-    working = projector.working_form(volume)
+    working = volume.with_values(volume.values.copy())
     for done in range(iterations):
-        squares, power = 0.0, min(2 * relaxation, 1.0) if done == 0 else relaxation
+        squares, power = 0.0, min(relaxation * (2 - done / max(iterations - 1, 1)), 1.0)
         for step, view in enumerate(rng.permutation(projector.views)):
             light = projector.forward(view, working)
             ratio = measured[view] / (light + np.float32(floor))
             squares += float(np.sum(((values[view] - light) * seen[view]) ** 2, dtype=np.float64))
             projector.multiply(view, np.where(seen[view], ratio**power - 1.0, 0.0), working)
             if (step + 1) % THIN_EVERY == 0 and done < max(iterations - 1, 1):
-                working = projector.thinned(working, thin)
+                share = thin * min(done + (step + 1) / projector.views, 1.0)
+                working = working.keeping(working.values > share * float(working.values.mean(dtype=np.float64)))
             if progress:
                 progress(done * projector.views + step + 1, iterations * projector.views)
         residuals.append((squares / max(int(seen.sum()), 1)) ** 0.5)
-    return (working.keeping(working.values > 0) if isinstance(working, SparseVolume) else working.listed()), residuals
+    return working.keeping(working.values > 0), residuals

@@ -98,7 +98,7 @@ def run(
             del white
 
         weight = focus_weight(camera, projector.grid.axes()[2], experiment.reconstruction.focus_reach)
-        needed = estimate(camera, projector.grid)
+        needed = estimate(camera, projector.grid, every_voxel=experiment.reconstruction.method == "mart")
         for k in range(2):  # before long work begins; later frames when their turn comes
             recording.frame(k)
         log.info("memory: about %.1f GB", needed.peak / 1e9)

@@ -10,6 +10,7 @@ from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.volume import VoxelGrid
 
 KIB = 1024
+LISTED = 0.25  # share of the voxels that dense ray tracing leaves, in a deep and densely seeded volume
 BASE = 350e6  # interpreter, libraries and compiled kernels, bytes
 
 
@@ -38,8 +39,8 @@ class MemoryEstimate:
         return BASE + self.images + self.light_field + self.volumes
 
 
-def estimate(camera: PlenopticCamera, grid: VoxelGrid) -> MemoryEstimate:
-    """Estimate the peak memory of a run on one pair of frames."""
+def estimate(camera: PlenopticCamera, grid: VoxelGrid, *, every_voxel: bool = False) -> MemoryEstimate:
+    """Estimate the peak memory of a run on one pair of frames; ``every_voxel``: without dense ray tracing."""
     sensor = camera.sensor
     pixels = sensor.columns * sensor.rows
     area = pixels * sensor.pixel_pitch_mm**2
@@ -47,6 +48,5 @@ def estimate(camera: PlenopticCamera, grid: VoxelGrid) -> MemoryEstimate:
     views = pi * (camera.aperture_radius_px + 0.6) ** 2
     layout = lenses * views * 5  # share (float32) and seen (bool)
     frame = lenses * views * 9  # values, their floor-lifted copy and masks
-    dense = 4.0 * grid.size
-    found = 6.0 * 0.25 * grid.size  # the other frame's voxels that hold light
-    return MemoryEstimate(4.0 * pixels, layout + frame, dense + found)
+    listed = (1.0 if every_voxel else LISTED) * grid.size
+    return MemoryEstimate(4.0 * pixels, layout + frame, 17.0 * listed)  # twice while voxels are left out, once before

@@ -1,0 +1,120 @@
+"""Maps of planes: what a pixel would collect of a plane of voxels, wherever its footprint were centred.
+
+In a plane every microlens sees the same footprint, only elsewhere. So the listed voxels of a plane are first spread
+into a map, each by the shares that it gives pixels whose footprints are centred on the points around it; a view is
+then read off the map at the places of its footprints, between points by linear interpolation (``strips``). Back,
+corrections are added to the map at those places, and each voxel sums the points around it. A voxel costs one small
+rectangle of products, however many microlenses it lights, and a microlens four points, however wide its footprint is.
+
+A map's points are a voxel apart, closer where a footprint is narrow, near focus, and wider far from it, where its edge
+is a ramp. Here are their sizes and the shares around a voxel.
+"""
+
+from __future__ import annotations
+
+from math import ceil, floor, log2
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from plenopiv.kernels import kernel, parallel_kernel
+from plenopiv.projection.pixels import EXACT, box_of, patch_area, plane_of
+from plenopiv.projection.simd import LANES
+
+ACROSS = 7.0  # points of a map across a footprint, at least; with 4, depth is worse by a quarter
+RAMP = 2  # such points on the ramp at a footprint's edge, at least, where they are more than a voxel apart
+F = np.float32
+
+
+class Maps(NamedTuple):
+    """Of every plane ``shape`` (nz, 6): map rows and columns, rows and columns of a voxel's shares, points to a voxel
+    and the power of two of voxels to a point, one of which is 1; ``start`` (nz,): where those shares begin in
+    ``shares`` (float32), as often as there are voxels to a point along y and x; ``border`` (nz, 2): points before the
+    first voxel, along x and y."""
+
+    shape: NDArray[np.int64]
+    start: NDArray[np.int64]
+    border: NDArray[np.int64]
+    shares: NDArray[np.float32]
+
+
+def maps(geo, table: NDArray[np.float32], grid_shape: tuple[int, int, int], across: float = ACROSS) -> Maps:
+    """The maps of the planes of ``table`` (``geometry.planes``) of a camera ``geo`` (``geometry.rows``), with at least
+    ``across`` points across a footprint."""
+    nz, ny, nx = grid_shape
+    shape, start, border = np.zeros((nz, 6), np.int64), np.zeros(nz, np.int64), np.zeros((nz, 2), np.int64)
+    reach = np.empty((nz, 3), np.float32)
+    footprint_box(geo, table, reach)
+    total = 0
+    for k, (wide, high, ramp) in enumerate(reach.tolist()):
+        points = max(1, ceil(across / (2 * min(wide, high))))
+        per_point = ramp * ACROSS / (RAMP * across)
+        shift = max(0, floor(log2(per_point))) if points == 1 and per_point > 0 else 0
+        right, down = (ceil(points * half / 2**shift) for half in (wide, high))
+        more = 2 if shift else 1
+        rows, columns = 2 * down + more, LANES * ceil((2 * right + more) / LANES)
+        border[k] = right + 2, down + 2
+        last_row, last_column = ((points * (n - 1)) >> shift for n in (ny, nx))
+        shape[k] = last_row + 2 * down + 6, last_column + columns + 6, rows, columns, points, shift
+        start[k] = total
+        total += rows * columns * 4**shift
+    shares = np.zeros(total, np.float32)
+    tabulate(geo, table, shape, start, border, shares)
+    for at, (_, _, rows, columns, _, shift) in zip(start, shape, strict=True):
+        of_plane = shares[at : at + rows * columns * 4**shift].reshape(-1, rows, columns)
+        of_plane[:] = sharpened(of_plane)
+    return Maps(shape, start, border, shares)
+
+
+def sharpened(shares: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Shares (n, rows, columns) less the blur that linear interpolation between points will add in the mean.
+
+    A fraction f of a step between two points it adds f (1 - f)/2 squared steps of the second derivative: 1/12 in the
+    mean over f, which is taken off here along both axes. What is left is 2.5 times as small where shares are smooth.
+    Shares stay >= 0 and keep their sum.
+    """
+    out = shares.astype(np.float64)
+    for axis in (1, 2):
+        beyond = np.pad(out, [(0, 0), *((int(a == axis),) * 2 for a in (1, 2))])
+        before, after = (np.take(beyond, np.arange(out.shape[axis]) + side, axis) for side in (0, 2))
+        out = out * (7 / 6) - (before + after) / 12
+    out = np.maximum(out, 0.0)
+    scale = shares.sum((1, 2), dtype=np.float64) / np.maximum(out.sum((1, 2)), 1e-30)
+    return (out * scale[:, None, None]).astype(np.float32)
+
+
+def widest(found: Maps) -> tuple[float, float]:
+    """Half the width and height of the largest footprint, voxels, at most."""
+    right, down = (found.border * (2.0 ** found.shape[:, 5] / found.shape[:, 4])[:, None]).max(0)
+    return float(right), float(down)
+
+
+@kernel
+def footprint_box(geo, table, reach):
+    """Half widths in voxels of the box around a footprint, and the width of the ramp at its edge, (nz, 3)."""
+    for k in range(table.shape[0]):
+        plane = plane_of(table, k)
+        reach[k, 0], reach[k, 1] = box_of(geo, plane, EXACT)
+        reach[k, 2] = F(2) * min(plane.half, F(0.5)) / max(abs(plane.cell_x), abs(plane.cell_y))
+
+
+@parallel_kernel
+def tabulate(geo, table, shape, start, border, shares):
+    """Fill ``shares``: of each plane those of a voxel for the points around it, the voxel on a point or, where voxels
+    share one, beyond it by their fractions of the step."""
+    for k in prange(table.shape[0]):
+        plane, at = plane_of(table, k), start[k]
+        rows, columns, points, voxels = shape[k, 2], shape[k, 3], shape[k, 4], 1 << shape[k, 5]
+        right, down = border[k, 0] - 2, border[k, 1] - 2
+        scale, step = F(0.25) / (plane.half * plane.half), F(voxels) / F(points)
+        for place in range(voxels * voxels):
+            beyond_y, beyond_x = F(place // voxels) / F(voxels), F(place % voxels) / F(voxels)
+            for j in range(rows):
+                oy = plane.cell_y * step * (F(down - j) + beyond_y)
+                for i in range(columns):
+                    ox = plane.cell_x * step * (F(right - i) + beyond_x)
+                    x, y = geo.cos * ox + geo.sin * oy, geo.cos * oy - geo.sin * ox
+                    shares[at] = scale * patch_area(geo, x, y, plane.half, plane.half)
+                    at += 1

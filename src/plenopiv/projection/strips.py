@@ -1,0 +1,260 @@
+"""CPU kernels that spread voxels into the maps of their planes (``maps``) and read views off them, and back.
+
+A map is worked on strip by strip, each some rows that stay in the second-level cache. Threads own planes; forward, a
+fixed number of images is summed in order, so that no sum depends on the number of threads.
+
+Kernels are kept small on purpose: inlined into one large function the innermost loops take twice as long.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from plenopiv.kernels import kernel, parallel_kernel
+from plenopiv.projection.pixels import plane_of
+from plenopiv.projection.simd import add_products, row_products
+
+F, U = np.float32, np.uint64
+BLOCK = 256  # pixels placed at once
+STRIP = 1 << 17  # points worked on at once: they stay in the second-level cache
+OFF = F(1.15)  # px that a pixel's q may be off its view's: its phase, its lit part's middle, drift
+
+
+@kernel
+def pixels_near(plane, points, y0, middle, t, low, high):
+    """The range of the pixels (sorted by row) whose footprints may be centred on rows low <= y < high of a map.
+    ``middle``: of their q along y, from which they are less than OFF away."""
+    shift, slack = y0 + points * plane.step_y * middle, OFF * points * abs(plane.step_y)
+    found = (0, 0)
+    for side in range(2):
+        row = (low - slack if side == 0 else high + slack) - shift
+        a, b = 0, t.size
+        while a < b:
+            c = (a + b) // 2
+            if points * plane.voxel_t * t[c] < row:
+                a = c + 1
+            else:
+                b = c
+        found = (a, found[1]) if side == 0 else (found[0], a)
+    return found
+
+
+@kernel
+def places(geo, plane, size, border, view, begin, count, top, low, high, at, across, along, lit):
+    """Where the footprints of pixels ``begin`` onwards are centred on a strip, of a map of ``size`` (rows, columns,
+    points to a voxel), whose first row is ``top``: the point above and to the left, the way to the next column and row,
+    and the pixels' lit shares; 0 for those that are not on rows low <= y < high. Those off the map along x go to its
+    border, where it is dark."""
+    width, points = np.int32(size[1]), size[2]
+    right = F(size[1]) - F(1.01)
+    x0, y0 = F(border[0]) - points * geo.x0, F(border[1]) - points * geo.y0
+    xs, xq, ys, yq = points * plane.voxel_s, points * plane.step_x, points * plane.voxel_t, points * plane.step_y
+    off, p = plane.spread - view.first, view.pixels
+    s, t, qx, qy = p[0, begin:], p[1, begin:], p[2, begin:], p[3, begin:]
+    share, qx_off, qy_off, share_off = p[4, begin:], p[5, begin:], p[6, begin:], p[7, begin:]
+    low, high, top = np.int32(low), np.int32(high), np.int32(top)
+    for c in range(count):
+        x = min(max(x0 + xs * s[c] + xq * (qx[c] + off * qx_off[c]), F(0)), right)
+        y = max(y0 + ys * t[c] + yq * (qy[c] + off * qy_off[c]), F(0))
+        i, j = np.int32(x), np.int32(y)
+        here = (j >= low) & (j < high)
+        across[c], along[c] = x - F(i), y - F(j)
+        at[c] = (j - top) * width + i if here else 0
+        lit[c] = share[c] + off * share_off[c] if here else F(0)
+
+
+@kernel
+def read(geo, plane, size, border, view, top, low, high, strip, light):
+    """Add to ``light`` (count,) what the pixels of a view on rows low <= y < high of a map collect, whose rows from
+    ``top`` on are ``strip`` (flat)."""
+    at = np.empty(BLOCK, np.int32)
+    across, along, lit = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    width, y0 = U(size[1]), F(border[1]) - size[2] * geo.y0
+    first, last = pixels_near(plane, size[2], y0, view.middle, view.pixels[1], F(low), F(high))
+    for begin in range(first, last, BLOCK):
+        count, out = min(BLOCK, last - begin), light[begin:]
+        places(geo, plane, size, border, view, begin, count, top, low, high, at, across, along, lit)
+        for c in range(count):
+            p = U(at[c])
+            above = strip[p] + across[c] * (strip[p + U(1)] - strip[p])
+            p += width
+            below = strip[p] + across[c] * (strip[p + U(1)] - strip[p])
+            out[c] += plane.light * lit[c] * (above + along[c] * (below - above))
+
+
+@kernel
+def write(geo, plane, size, border, view, top, low, high, image, strip):
+    """The transpose of ``read`` but for ``plane.light``: add ``image`` (count,) to the strip."""
+    at = np.empty(BLOCK, np.int32)
+    across, along, lit = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    width, y0 = U(size[1]), F(border[1]) - size[2] * geo.y0
+    first, last = pixels_near(plane, size[2], y0, view.middle, view.pixels[1], F(low), F(high))
+    for begin in range(first, last, BLOCK):
+        count, value = min(BLOCK, last - begin), image[begin:]
+        places(geo, plane, size, border, view, begin, count, top, low, high, at, across, along, lit)
+        for c in range(count):
+            p, whole = U(at[c]), lit[c] * value[c]
+            below = along[c] * whole
+            above = whole - below
+            above_right, below_right = across[c] * above, across[c] * below
+            strip[p] += above - above_right
+            strip[p + U(1)] += above_right
+            p += width
+            strip[p] += below - below_right
+            strip[p + U(1)] += below_right
+
+
+@kernel
+def roll(strip, width, kept, lines):
+    """Move the rows of a strip from ``kept`` on to its beginning; the others are dark."""
+    left = (lines - kept) * width
+    for i in range(left):
+        strip[i] = strip[i + kept * width]
+    strip[left : lines * width] = F(0)
+
+
+@kernel
+def spread_line(shares, shape, column, values, first, last, strip, line):
+    """Spread a row's listed voxels; ``line``: where the shares of the voxel in column 0 would go. Neighbours in the
+    list come one after the other in time only once in four: what one has just stored the other would wait for."""
+    _, width, rows, columns, points, shift = shape
+    among, size = (1 << shift) - 1, rows * columns
+    quarter = (last - first) // 4
+    for n in range(last - first):
+        v = first + n if n >= 4 * quarter else first + n // 4 + (n & 3) * quarter
+        i = points * np.int64(column[v])
+        add_products(shares, (i & among) * size, columns, values[v], strip, line + (i >> shift), width, rows)
+
+
+@kernel
+def sum_line(shares, shape, column, first, last, strip, line, multiply, out):
+    """Sum around a row's listed voxels."""
+    _, width, rows, columns, points, shift = shape
+    among, size = (1 << shift) - 1, rows * columns
+    for v in range(first, last):
+        i = points * np.int64(column[v])
+        total = row_products(shares, (i & among) * size, columns, strip, line + (i >> shift), width, rows)
+        out[v] = out[v] * max(F(1) + total, F(0)) if multiply else total
+
+
+@kernel
+def shares_of(shares, shape, j):
+    """The shares of the voxels of row j of a plane."""
+    _, _, rows, columns, points, shift = shape
+    among = (1 << shift) - 1
+    return shares[((points * j) & among) * (1 << shift) * rows * columns :]
+
+
+@kernel
+def first_line(shape, j):
+    """The first row of its map that the voxels of row j of a plane reach."""
+    return ((shape[4] * j) >> shape[5]) + 2
+
+
+@kernel
+def rows_before(shape, line, ny):
+    """The number of rows of voxels that reach only rows of a map before ``line``."""
+    return min((((line - 1 - shape[2]) << shape[5]) - 1) // shape[4] + 1, ny)
+
+
+@kernel
+def size_of(shape):
+    """Rows and columns of a map, and points to a voxel."""
+    return shape[0], shape[1], F(shape[4]) / F(1 << shape[5])
+
+
+@kernel
+def forward_plane(geo, plane, shape, border, shares, view, row_start, column, values, strip, light):
+    """Add to ``light`` (count,) what the pixels of a view collect of a plane's listed voxels.
+
+    The map is made strip by strip from above: rows of voxels are spread while they fit in, pixels read from the rows
+    that no other voxel reaches, and what is left rolled to the strip's beginning."""
+    size, ny = size_of(shape), row_start.size - 1
+    height, width, _ = size
+    lines = strip.size // width
+    strip[: lines * width] = F(0)
+    top = j = 0
+    while True:
+        bottom = min(top + lines, height)
+        stop = rows_before(shape, bottom, ny)
+        for n in range(j, stop):
+            line, own = (first_line(shape, n) - top) * width + 2, shares_of(shares, shape, n)
+            spread_line(own, shape, column, values, row_start[n], row_start[n + 1], strip, line)
+        j = stop
+        finished = first_line(shape, j) if j < ny else bottom
+        read(geo, plane, size, border, view, top, top, finished - 1, strip, light)
+        if bottom == height:
+            return
+        roll(strip, width, finished - 1 - top, lines)
+        top = finished - 1
+
+
+@kernel
+def gather_plane(geo, plane, shape, border, shares, view, row_start, column, image, multiply, strip, out):
+    """What ``gather`` does for a plane: its map is made strip by strip from above, and rows of voxels are summed once
+    all pixels around them are in."""
+    size, ny = size_of(shape), row_start.size - 1
+    height, width, _ = size
+    lines = strip.size // width
+    strip[: lines * width] = F(0)
+    top = written = j = 0
+    while True:
+        bottom = min(top + lines, height)
+        write(geo, plane, size, border, view, top, written, bottom - 1, image, strip)
+        written = bottom - 1
+        stop = rows_before(shape, written, ny)
+        for n in range(j, stop):
+            line, own = (first_line(shape, n) - top) * width + 2, shares_of(shares, shape, n)
+            sum_line(own, shape, column, row_start[n], row_start[n + 1], strip, line, multiply, out)
+        j = stop
+        if j == ny:
+            return
+        roll(strip, width, first_line(shape, j) - top, lines)
+        top = first_line(shape, j)
+
+
+@kernel
+def strip_of(shape, size):
+    """Room for a strip of any plane's map: of ``size`` points, or of what two rows of voxels reach if that is more."""
+    most = 0
+    for k in range(shape.shape[0]):
+        lines = max(min(size // shape[k, 1], shape[k, 0]), 2 * shape[k, 2] + shape[k, 4] + 2)
+        most = max(most, lines * shape[k, 1])
+    return np.empty(most, np.float32)
+
+
+@kernel
+def listed(row_start, ny, k):
+    """Where the rows of plane k begin in the list of voxels, and whether it holds any."""
+    rows = row_start[k * ny : (k + 1) * ny + 1]
+    return rows, rows[0] < rows[ny]
+
+
+@parallel_kernel
+def forward(geo, planes, shape, border, shares, start, size, view, ny, row_start, column, values, partial):
+    """Light of the listed voxels in the pixels of a view. Each row of ``partial`` (images, count) takes that of some of
+    the planes. ``size``: points in a strip."""
+    nz, images = shape.shape[0], partial.shape[0]
+    for c in prange(images):
+        partial[c] = F(0)
+        strip = strip_of(shape, size)
+        for k in range(nz * c // images, nz * (c + 1) // images):
+            rows, any_light = listed(row_start, ny, k)
+            if any_light:
+                own, plane = shares[start[k] :], plane_of(planes, k)
+                forward_plane(geo, plane, shape[k], border[k], own, view, rows, column, values, strip, partial[c])
+
+
+@parallel_kernel
+def gather(geo, planes, shape, border, shares, start, size, view, ny, row_start, column, image, multiply, chunks, out):
+    """For each listed voxel the sum of ``image`` (count,) over the pixels of a view, each by the share of a wholly lit
+    pixel that the voxel gives it, into ``out``; with ``multiply``, ``out`` times (1 + it), kept >= 0."""
+    nz = shape.shape[0]
+    for c in prange(chunks):
+        strip = strip_of(shape, size)
+        for k in range(nz * c // chunks, nz * (c + 1) // chunks):
+            rows, any_voxel = listed(row_start, ny, k)
+            if any_voxel:
+                own, plane = shares[start[k] :], plane_of(planes, k)
+                gather_plane(geo, plane, shape[k], border[k], own, view, rows, column, image, multiply, strip, out)

@@ -1,0 +1,67 @@
+"""The pixels of one view as the kernels of ``strips`` take them.
+
+A pixel that the aperture's rim cuts counts as a whole one whose light is its lit share, about the middle of its lit
+part.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from plenopiv.kernels import inlined, parallel_kernel
+
+F = np.float32
+GAUSS = F(0.28867513)  # of a pixel: the two points at which its lit length is taken
+
+
+class View(NamedTuple):
+    """The pixels of a view, sorted by the rows of voxels that they meet, as ``look`` leaves them. ``first``: A of the
+    first plane; ``middle``: q along y of the view's nominal portion."""
+
+    pixels: NDArray[np.float32]
+    first: np.float32
+    middle: np.float32
+
+
+@inlined
+def lit_length(radius, base, v):
+    """How much of a pixel's line at ``v`` lies inside the rim, which is ``base`` px further out than its middle."""
+    edge = sqrt(max(radius * radius - v * v, F(0.01))) - base
+    return max(min(edge, F(0.5)), F(-0.5)) + F(0.5)
+
+
+@inlined
+def lit_part(radius, spread, qx, qy):
+    """Lit share of a pixel at q that the rim may cut, and q of its lit part's middle, in a plane of a ``spread`` A."""
+    along_x = abs(qx) > abs(qy)
+    u, v = abs(qx) if along_x else abs(qy), qy if along_x else qx
+    outward = F(1) if (qx if along_x else qy) > F(0) else F(-1)
+    base = u + spread * (sqrt(max(radius * radius - v * v, F(0.01))) - u)
+    one, two = lit_length(radius, base, v - GAUSS), lit_length(radius, base, v + GAUSS)
+    lit = F(0.5) * (one + two)
+    du, dv = outward * F(0.5) * (lit - F(1)), GAUSS * (two - one) / max(one + two, F(1e-6))
+    return lit, qx + (du if along_x else dv), qy + (dv if along_x else du)
+
+
+@parallel_kernel
+def look(geo, lenses, m, n, rim, lens_mm, phase, first, last, pixels):
+    """The pixels of a view that are equations, ``lenses`` (count,), as ``pixels`` (8, count): s, t; q along x and y
+    and lit share in the plane of A = ``first``; their change per unit of A, which is all but linear up to ``last``."""
+    per_unit = F(1) / (last - first) if last != first else F(0)
+    for c in prange(lenses.size):
+        lens = lenses[c]
+        qx, qy = m - phase[lens, 0], phase[lens, 1] - n
+        pixels[0, c], pixels[1, c] = lens_mm[lens, 0], lens_mm[lens, 1]
+        pixels[2, c], pixels[3, c], pixels[4, c] = qx, qy, F(1)
+        pixels[5, c] = pixels[6, c] = pixels[7, c] = F(0)
+        if rim:
+            lit_1, x_1, y_1 = lit_part(geo.radius, first, qx, qy)
+            lit_2, x_2, y_2 = lit_part(geo.radius, last, qx, qy)
+            pixels[2, c], pixels[3, c], pixels[4, c] = x_1, y_1, lit_1
+            pixels[5, c], pixels[6, c] = (x_2 - x_1) * per_unit, (y_2 - y_1) * per_unit
+            pixels[7, c] = (lit_2 - lit_1) * per_unit
