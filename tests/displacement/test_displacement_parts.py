@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline, RegularGridInterpolator
 from plenopiv.displacement.agreement import agreement
 from plenopiv.displacement.correlation import WindowCorrelator, fade
 from plenopiv.displacement.deformation import DeformedPlanes
-from plenopiv.displacement.peaks import find_peaks, gaussian_offset
+from plenopiv.displacement.peaks import LEAST, find_peaks, gaussian_offset, untilted
 from plenopiv.displacement.predictor import fit_spline, smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.validation import find_outliers, normalised_median, replace
@@ -192,9 +192,16 @@ def test_no_bias_toward_zero():
         spectra = correlator.spectra(*light)
         total = total + correlator.correlation(spectra)
     d = np.zeros((1, 3))
-    find_peaks(np.ascontiguousarray(total), spectra.gain, d, np.zeros(1, np.float32), np.zeros(1, bool))
+    peaks_of(np.ascontiguousarray(total), spectra.gain, d, np.zeros(1, np.float32), np.zeros(1, bool))
     assert abs(d[0, 0] - shift) < 0.02
     np.testing.assert_allclose(d[0, 1:], 0, atol=0.02)
+
+
+def peaks_of(correlation, gain, displacement, ratio, found):
+    """``find_peaks`` with room for where and how slanted peaks are, which it returns."""
+    place, untilt = np.empty((len(found), 3), np.int64), np.empty((len(found), 3, 3))
+    find_peaks(correlation, gain, displacement, ratio, found, place, untilt)
+    return place, untilt
 
 
 @pytest.mark.parametrize("whitening", [0.0, 0.5, 0.3])
@@ -206,7 +213,7 @@ def test_peak_is_where_the_second_window_went(whitening, axis, component):
     d, ratio, found = np.zeros((1, 3)), np.zeros(1, np.float32), np.zeros(1, bool)
     correlator = WindowCorrelator((16, 16, 16), (5, 5, 5), whitening=whitening)
     spectra = correlator.spectra(a, b)
-    find_peaks(correlator.correlation(spectra), spectra.gain, d, ratio, found)
+    peaks_of(correlator.correlation(spectra), spectra.gain, d, ratio, found)
     expected = np.zeros(3)
     expected[component] = 3
     np.testing.assert_allclose(d[0], expected, atol=0.1)
@@ -221,13 +228,48 @@ def test_gaussian_offset_closed_form():
     assert gaussian_offset(1.0, 1.0, 1.0) == 0.0
 
 
+@pytest.mark.parametrize("slant", [0.0, 0.5, 0.8, 0.95, -0.9])
+@pytest.mark.parametrize("plane", [(0, 1), (0, 2), (1, 2)])
+def test_top_of_a_slanted_peak(plane, slant):
+    """A Gaussian whose axes are not the grid's, closed form; sections along the axes alone miss its top."""
+    rng = np.random.default_rng(2)
+    covariance = np.diag([1.2, 0.9, 2.5])  # x, y, z
+    one, other = plane
+    covariance[one, other] = covariance[other, one] = slant * np.sqrt(covariance[one, one] * covariance[other, other])
+    precision = np.linalg.inv(covariance)
+    z, y, x = np.mgrid[-6:7, -6:7, -6:7]
+    for top in rng.uniform(-2, 2, (20, 3)):
+        d = np.stack([x, y, z], -1) - top
+        c = np.exp(-0.5 * np.einsum("...i,ij,...j", d, precision, d))[None]
+        got, ratio, found = np.zeros((1, 3)), np.zeros(1, np.float32), np.zeros(1, bool)
+        place, untilt = peaks_of(c, np.ones_like(c), got, ratio, found)
+        sections = np.linalg.solve(untilt[0], got[0] - place[0])
+        if (np.abs(top - place[0]) <= 1.0).all() and (np.abs(sections) < 0.5).all():
+            np.testing.assert_allclose(got[0], top, atol=1e-9)
+        else:
+            assert abs(slant) > 0.7  # on a ridge the highest voxel may lie further off
+
+
+def test_noise_does_not_make_a_saddle_of_a_peak():
+    """Curvatures that no maximum has: the offset stays bounded and finite."""
+    c = np.full((1, 3, 3, 3), 0.9)
+    c[0, 1, 1, 1] = 1.0
+    c[0, 1, 0, 0] = c[0, 1, 2, 2] = 5.0  # but for these two, higher than the middle
+    matrix = np.empty((3, 3))
+    untilted(c[0], 1, 1, 1, matrix)
+    assert np.isfinite(matrix).all()
+    eigenvalues = np.linalg.eigvals(np.linalg.inv(matrix))
+    assert (eigenvalues.real > 0).all()
+    assert np.linalg.det(np.linalg.inv(matrix)) >= LEAST
+
+
 def test_second_peak_and_slopes():
     c = np.zeros((3, 3, 3, 21), np.float32)
     c[0, 1, 1, 4], c[0, 1, 1, 15], c[0, 1, 1, 6] = 2.0, 1.0, 1.8  # 6 is the flank of 4
     c[1, 1, 1] = np.arange(21)  # rises beyond the search radius
     c[2] = -1.0
     d, ratio, found = np.zeros((3, 3)), np.zeros(3, np.float32), np.ones(3, bool)
-    find_peaks(c, np.ones((1, 3, 3, 21), np.float32), d, ratio, found)
+    peaks_of(c, np.ones((1, 3, 3, 21), np.float32), d, ratio, found)
     assert d[0, 0] == pytest.approx(4 - 10)
     assert ratio[0] == pytest.approx(2.0)
     assert found.tolist() == [True, False, False]
@@ -244,7 +286,7 @@ def test_peak_is_chosen_without_the_gain_and_placed_with_it():
     gain[1] = np.exp(0.4 * x)  # moves a Gaussian of unit variance by 0.4
     assert (c * gain)[0, 1, 1, 1] > (c * gain)[0, 1, 1, 11]
     d, ratio, found = np.zeros((2, 3)), np.zeros(2, np.float32), np.ones(2, bool)
-    find_peaks(c.astype(np.float32), gain.astype(np.float32), d, ratio, found)
+    peaks_of(c.astype(np.float32), gain.astype(np.float32), d, ratio, found)
     assert d[0, 0] == pytest.approx(1.3, abs=0.1)
     assert d[1, 0] == pytest.approx(1.7, abs=0.01)  # another voxel than the one found first
     np.testing.assert_allclose(d[:, 1:], 0, atol=1e-6)

@@ -55,29 +55,33 @@ def test_variance_is_the_jackknife_of_the_peak_fit():
     cuts = np.zeros((2, 3, 2))
     cuts[1, 2] = 3.0, 1.2
     spectra = correlator.spectra(a, b, cuts)
-    got = correlator.variance(spectra, np.array([[1.1, 1.9, 0.0]] * 2))
+    slanted = np.array([[1.3, 0.2, -0.4], [0.1, 1.1, 0.0], [-0.5, 0.3, 1.7]])
+    got = correlator.variance(spectra, np.array([[1, 2, 0]] * 2), np.array([slanted] * 2))
     fa, fb = (w.astype(float) for w in correlator.filtered(spectra))
-    edges = [np.arange(n) * 4 // n for n in SIZE]
+    blocks = [max(1, min(4, n // thinnest)) for n, thinnest in zip(SIZE, (12, 4, 4), strict=True)]
+    edges = [np.arange(n) * count // n for n, count in zip(SIZE, blocks, strict=True)]
     shift = np.array([0, 2, 1])
     for w in range(2):
+        found = np.empty((np.prod(blocks), 3))
         for component, axis in ((0, 2), (1, 1), (2, 0)):
             step = np.eye(3, dtype=int)[axis]
             moved = np.roll(fb[w], -shift, (0, 1, 2))
             pairs = [np.roll(fa[w], -step, (0, 1, 2)) * moved, fa[w] * moved, fa[w] * np.roll(moved, -step, (0, 1, 2))]
             gains = [spectra.gain[w][tuple(np.array([3, 4, 3]) + shift + s * step)] for s in (-1, 0, 1)]
-            offsets = []
-            for block in np.ndindex(4, 4, 4):
+            for number, block in enumerate(np.ndindex(*blocks)):
                 kept = np.ones(SIZE, bool)
                 kept[np.ix_(*(e == n for e, n in zip(edges, block, strict=True)))] = False
-                offsets.append(gaussian_offset(*(g * p[kept].sum() for g, p in zip(gains, pairs, strict=True))))
-            expected = 63 / 64 * np.square(np.array(offsets) - np.mean(offsets)).sum()
-            assert got[w, component] == pytest.approx(expected, rel=1e-3)
+                sums = (g * p[kept].sum() for g, p in zip(gains, pairs, strict=True))
+                found[number, component] = gaussian_offset(*sums)
+        found = found @ slanted.T
+        expected = (1 - 1 / len(found)) * np.square(found - found.mean(0)).sum(0)
+        np.testing.assert_allclose(got[w], expected, rtol=1e-3)
 
 
 def test_jackknife_of_blocks_that_agree_is_zero():
     sums = np.tile([4.0, 2.0, 2.5, 2.0, 2.0, 1.0, 2.0], (1, 64, 1))
     out = np.ones((1, 3))
-    jackknife_variance(sums, out)
+    jackknife_variance(sums, np.eye(3)[None], out)
     np.testing.assert_allclose(out, 0, atol=1e-12)
 
 

@@ -93,13 +93,15 @@ def correlation_pass(
                     trust = agreement(cut_a, cut_b) ** np.float32(power) if power else None
                     spectra = correlator.spectra(cut_a, cut_b, cuts[layer, part], trust)
                 correlation = correlator.correlation(spectra)
-                find_peaks(correlation, spectra.gain, moved[layer, part], ratio[layer, part], found[layer, part])
+                place, untilt = np.empty((len(cut_a), 3), np.int64), np.empty((len(cut_a), 3, 3))
+                into = moved[layer, part], ratio[layer, part], found[layer, part]
+                find_peaks(correlation, spectra.gain, *into, place, untilt)
                 # one bright voxel against rounding of an empty window is not a match
                 lit = (np.ptp(cut_a, axis=(1, 2, 3)) > 0) & (np.ptp(cut_b, axis=(1, 2, 3)) > 0)
                 found[layer, part] &= lit
                 moved[layer, part][~lit] = 0.0
                 if scatter:
-                    spread[layer, part] = correlator.variance(spectra, moved[layer, part])
+                    spread[layer, part] = correlator.variance(spectra, place, untilt)
                 ratio[layer, part][~lit] = 0.0
 
             list(pool.map(work, range(0, len(corners), batch)))

@@ -8,6 +8,8 @@ import numpy as np
 
 from plenopiv.kernels import kernel
 
+LEAST = 0.02  # determinant of a peak's curvatures over the product of those along the axes
+FARTHEST = 1.0  # voxels of a top from the highest voxel along any axis: on a slanted ridge more than half a voxel
 PEAK_RADIUS = 3  # voxels: a second peak this close on every axis is the flank of the first
 
 
@@ -27,7 +29,62 @@ def gaussian_offset(left, centre, right):
 
 
 @kernel(nogil=True)
-def find_peaks(correlation, gain, displacement, peak_ratio, found):
+def curvature(left, centre, right):
+    """Minus the second derivative at the middle one of three neighbours, as ``gaussian_offset`` sees it."""
+    if left > 0.0 and centre > 0.0 and right > 0.0:
+        left, centre, right = log(left), log(centre), log(right)
+    return 2.0 * centre - left - right
+
+
+@kernel(nogil=True)
+def twist(r, z, y, x, one, other):
+    """Minus the mixed second derivative of log r at a voxel, from the four corners in the plane of two axes (0 = z);
+    0 where one of them is not positive."""
+    total = 0.0
+    for side in range(4):
+        s, t = 1 - 2 * (side // 2), 1 - 2 * (side % 2)
+        value = r[
+            z + s * (one == 0) + t * (other == 0),
+            y + s * (one == 1) + t * (other == 1),
+            x + s * (one == 2) + t * (other == 2),
+        ]
+        if value <= 0.0:
+            return 0.0
+        total -= s * t * log(value) / 4.0
+    return total
+
+
+@kernel(nogil=True)
+def untilted(r, z, y, x, matrix):
+    """The matrix (3, 3), x y z, that takes the offsets of the three sections through a voxel to the offset of the top.
+
+    Sections of a Gaussian whose axes are not the grid's have their tops at D^-1 H d, H its curvatures and D their
+    diagonal: off the camera's axis particles are drawn out along slanted lines of sight. Where noise leaves H hardly
+    positive definite, what is off its diagonal is lessened until the determinant of D^-1 H is LEAST.
+    """
+    a = curvature(r[z, y, x - 1], r[z, y, x], r[z, y, x + 1])
+    b = curvature(r[z, y - 1, x], r[z, y, x], r[z, y + 1, x])
+    c = curvature(r[z - 1, y, x], r[z, y, x], r[z + 1, y, x])
+    matrix[:] = 0.0
+    matrix[0, 0] = matrix[1, 1] = matrix[2, 2] = 1.0
+    if a <= 0.0 or b <= 0.0 or c <= 0.0:
+        return
+    xy, xz, yz = twist(r, z, y, x, 1, 2), twist(r, z, y, x, 0, 2), twist(r, z, y, x, 0, 1)
+    while True:
+        p, q, s = xy * xy / (a * b), xz * xz / (a * c), yz * yz / (b * c)
+        determinant = 1.0 - p - q - s + 2.0 * xy * xz * yz / (a * b * c)
+        if determinant >= LEAST and max(p, max(q, s)) < 1.0:
+            break
+        xy, xz, yz = 0.9 * xy, 0.9 * xz, 0.9 * yz
+    d = 1.0 / determinant
+    matrix[0, 0], matrix[1, 1], matrix[2, 2] = d * (1.0 - s), d * (1.0 - q), d * (1.0 - p)
+    matrix[0, 1], matrix[0, 2] = d * (xz * yz / (a * c) - xy / a), d * (xy * yz / (a * b) - xz / a)
+    matrix[1, 0], matrix[1, 2] = d * (xz * yz / (b * c) - xy / b), d * (xy * xz / (a * b) - yz / b)
+    matrix[2, 0], matrix[2, 1] = d * (xy * yz / (b * c) - xz / c), d * (xy * xz / (a * c) - yz / c)
+
+
+@kernel(nogil=True)
+def find_peaks(correlation, gain, displacement, peak_ratio, found, place, untilt):
     """Peaks of a batch of correlations: looked for as they are, placed after multiplication by ``gain``.
 
     The gain makes up for the overlap of the windows, without which peaks are pulled toward zero. It grows outward and
@@ -35,7 +92,8 @@ def find_peaks(correlation, gain, displacement, peak_ratio, found):
     ``correlation``: (batch, 2 rz + 3, 2 ry + 3, 2 rx + 3), the search radius and one voxel more on each side; zero
     displacement in the middle. ``gain``: the same shape, or one for all (1, ...). Writes ``displacement`` (batch, 3) as
     dx, dy, dz in voxels, ``peak_ratio`` (batch,), highest over second highest correlation, and ``found`` (batch,):
-    False when there is no positive maximum within the search radius, or only a slope to its edge.
+    False when there is no positive maximum within the search radius, or only a slope to its edge. ``place`` (batch, 3):
+    dx, dy, dz of the voxel about which the peak was fitted; ``untilt`` (batch, 3, 3): see ``untilted``.
     """
     count, nz, ny, nx = correlation.shape
     for n in range(count):
@@ -50,6 +108,7 @@ def find_peaks(correlation, gain, displacement, peak_ratio, found):
             displacement[n, :] = 0.0
             peak_ratio[n] = 0.0
             found[n] = False
+            place[n], untilt[n] = 0, 0.0
             continue
         second = np.float32(0.0)
         for k in range(1, nz - 1):
@@ -65,22 +124,15 @@ def find_peaks(correlation, gain, displacement, peak_ratio, found):
             max(max(c[pz, py - 1, px], c[pz, py + 1, px]), max(c[pz, py, px - 1], c[pz, py, px + 1])),
         )
         pz, py, px = _nearest_top(c, g, pz, py, px)
-        top = c[pz, py, px] * g[pz, py, px]
-        displacement[n, 0] = (
-            px
-            - nx // 2
-            + gaussian_offset(c[pz, py, px - 1] * g[pz, py, px - 1], top, c[pz, py, px + 1] * g[pz, py, px + 1])
-        )
-        displacement[n, 1] = (
-            py
-            - ny // 2
-            + gaussian_offset(c[pz, py - 1, px] * g[pz, py - 1, px], top, c[pz, py + 1, px] * g[pz, py + 1, px])
-        )
-        displacement[n, 2] = (
-            pz
-            - nz // 2
-            + gaussian_offset(c[pz - 1, py, px] * g[pz - 1, py, px], top, c[pz + 1, py, px] * g[pz + 1, py, px])
-        )
+        place[n, 0], place[n, 1], place[n, 2] = px - nx // 2, py - ny // 2, pz - nz // 2
+        r = c[pz - 1 : pz + 2, py - 1 : py + 2, px - 1 : px + 2] * g[pz - 1 : pz + 2, py - 1 : py + 2, px - 1 : px + 2]
+        untilted(r, 1, 1, 1, untilt[n])
+        x = gaussian_offset(r[1, 1, 0], r[1, 1, 1], r[1, 1, 2])
+        y = gaussian_offset(r[1, 0, 1], r[1, 1, 1], r[1, 2, 1])
+        z = gaussian_offset(r[0, 1, 1], r[1, 1, 1], r[2, 1, 1])
+        for axis in range(3):
+            off = untilt[n, axis, 0] * x + untilt[n, axis, 1] * y + untilt[n, axis, 2] * z
+            displacement[n, axis] = place[n, axis] + min(FARTHEST, max(-FARTHEST, off))
 
 
 @kernel(nogil=True)

@@ -2,13 +2,13 @@
 
 Three parts; only the threshold of the third was chosen by coverage, which docs/uncertainty.md has as measured:
 
-1. *Scatter.* The sum that makes a correlation peak is split into the contributions of 64 blocks of the window. Each
+1. *Scatter.* The sum that makes a correlation peak is split into the contributions of blocks of the window. Each
    block is left out in turn and the peak fitted anew; the delete-one jackknife (Efron & Stein 1981) of those
    displacements is the variance s^2 of one correlation. It holds whatever makes particles disagree: noise, ghosts,
    particles seen once, gradients that deformation has left. Wieneke (2015, Meas. Sci. Technol. 26 074002) takes the
    same contributions a(x) b(x + 1) - a(x + 1) b(x) with a model of their covariance instead.
 2. *Iteration.* Each pass deforms by the vectors of the last one, noise included, and can correct only what a window
-   sees: short waves of noise grow. ``iteration_gain`` computes the growth K of the variance (1.77 for three passes).
+   sees: short waves of noise grow. ``iteration_gain`` computes the growth K of the variance (1.63 for three passes).
 3. *Curvature.* The mean of the flow over a window differs from its value at the centre by q = sum_i n_i^2/24 d''_i,
    which second differences of the field itself estimate. Noise alone gives q a variance of c K s^2; where q exceeds
    twice its standard deviation, it is taken for flow that windows of this size do not resolve.
@@ -25,14 +25,15 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.spatial import cKDTree
 
-from plenopiv.displacement.correlation import Spectra, WindowCorrelator
+from plenopiv.displacement.correlation import Spectra, WindowCorrelator, fade
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.predictor import smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.windows import WindowGrid
 from plenopiv.kernels import kernel
 
-_BLOCKS = 4  # along each axis, fewer where one would be thinner than four voxels, about a particle
+_BLOCKS = 4  # along each axis
+_THINNEST = (12, 4, 4)  # along z, y, x, voxels: longer than a particle; fewer blocks where they would be thinner
 _NEIGHBOURS = 26  # vectors whose variance a replaced one takes; as many as its value is fitted to
 _MEAN_SQUARE_STEPS = 26 / (6 + 12 / 2 + 8 / 3)  # <r^2> of the 26 neighbours weighted by r^-2, in steps^2
 _SIGNIFICANT = 2.0  # standard deviations of its noise from which a curvature is taken for real
@@ -43,22 +44,23 @@ _ALIASES = 4
 class ScatterCorrelator(WindowCorrelator):
     """A correlator that also tells how far the particles of a window agree about its peak."""
 
-    def variance(self, spectra: Spectra, moved: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Jackknife variance (batch, 3), voxel^2, along x, y, z, of the peaks ``moved`` (batch, 3) of a batch."""
+    def variance(self, spectra: Spectra, place: NDArray[np.int64], untilt: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Jackknife variance (batch, 3), voxel^2, along x, y, z, of the peaks of a batch. ``place``, ``untilt``: as
+        ``find_peaks`` leaves them."""
         a, b = self.filtered(spectra)
-        peak = np.rint(moved).astype(np.int64)[:, ::-1]  # z, y, x
+        peak = place[:, ::-1]  # z, y, x
         for window, shift in zip(b, peak, strict=True):
             if shift.any():
                 window[:] = np.roll(window, tuple(-shift), (0, 1, 2))
         a, b = (np.pad(w, ((0, 0), (0, 1), (0, 1), (0, 1)), mode="wrap") for w in (a, b))
-        blocks = np.array([max(1, min(_BLOCKS, n // 4)) for n in self.size])
+        blocks = np.array([max(1, min(_BLOCKS, n // thin)) for n, thin in zip(self.size, _THINNEST, strict=True)])
         sums = np.zeros((len(a), int(blocks.prod()), 7))
         block_sums(a, b, blocks, sums)
         star = np.array([(0, 0, 0), (0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0)])
         z, y, x = np.moveaxis(np.array(spectra.gain.shape[1:]) // 2 + peak[:, None] + star, -1, 0)  # (batch, 7) each
         window = np.arange(len(a))[:, None] if len(spectra.gain) > 1 else 0
         out = np.zeros((len(a), 3))
-        jackknife_variance(sums * spectra.gain[window, z, y, x][:, None], out)
+        jackknife_variance(sums * spectra.gain[window, z, y, x][:, None], untilt, out)
         return out
 
     def filtered(self, spectra: Spectra) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -108,23 +110,29 @@ def block_sums(a, b, blocks, out):
 
 
 @kernel(nogil=True)
-def jackknife_variance(sums, variance):
+def jackknife_variance(sums, untilt, variance):
     """Delete-one variance of the Gaussian peak fit: (n - 1)/n sum_i (d_i - mean d)^2 over the n blocks left out.
 
-    ``sums``: (batch, blocks, 7) as of ``block_sums``, normalised by overlap. Writes ``variance`` (batch, 3), x, y, z.
+    ``sums``: (batch, blocks, 7) as of ``block_sums``, normalised by overlap; ``untilt`` (batch, 3, 3), the same for all
+    blocks. Writes ``variance`` (batch, 3), x, y, z.
     """
     count, blocks, _ = sums.shape
     for w in range(count):
-        total = np.zeros(7)
+        total, offset = np.zeros(7), np.zeros((blocks, 3))
         for i in range(blocks):
             total += sums[w, i]
         for axis in range(3):
             lo, hi = 1 + 2 * axis, 2 + 2 * axis
-            mean = square = 0.0
             centre = gaussian_offset(total[lo], total[0], total[hi])
             for i in range(blocks):
                 c = sums[w, i]
-                d = gaussian_offset(total[lo] - c[lo], total[0] - c[0], total[hi] - c[hi]) - centre
+                offset[i, axis] = gaussian_offset(total[lo] - c[lo], total[0] - c[0], total[hi] - c[hi]) - centre
+        for axis in range(3):
+            mean = square = 0.0
+            for i in range(blocks):
+                d = 0.0
+                for other in range(3):
+                    d += untilt[w, axis, other] * offset[i, other]
                 mean += d / blocks
                 square += d * d
             variance[w, axis] = (blocks - 1) / blocks * (square - blocks * mean * mean)
@@ -139,13 +147,14 @@ def iteration_gain(windows: WindowGrid, settings: CorrelationSettings) -> tuple[
         d = G n,  G = sum_{j < m} (F (1 - C))^j,   K = <|W|^2 G^2> / <|W|^2>,   c K = <|W|^2 G^2 Q^2> / <|W|^2>
 
     over all waves that the vectors sample (Schrijer & Scarano 2008 treat the same loop). Q is the
-    response of ``curvature``. W = sinc for each axis, aliases folded.
+    response of ``curvature``. W: of the square of the tapered window along each axis, aliases folded.
     """
     q = 2 * np.pi * np.fft.fftfreq(_WAVES)  # radians per vector
     noise, seen, bend = [], [], []
     for size, step, stride in zip(windows.size, windows.step, _strides(windows), strict=True):
         k = q[:, None] + 2 * np.pi * np.arange(-_ALIASES, _ALIASES + 1)
-        average = np.sinc(k * size / step / (2 * np.pi))
+        weight, place = fade(size, settings.taper_voxels) ** 2, (np.arange(size) - (size - 1) / 2) / step
+        average = (np.cos(k[..., None] * place) @ weight) / weight.sum()
         spline = np.sinc(k / (2 * np.pi)) ** 4
         noise.append((average**2).sum(1))
         seen.append((spline * average).sum(1) / spline.sum(1))
