@@ -119,7 +119,7 @@ def test_split_light_makes_them_close_and_not_equal(form):
 
 
 def test_the_benchmark_s_rounds_are_the_library_s():
-    """Relaxation falls from twice its value to once."""
+    """Its first round takes twice the relaxation."""
     projector = Projector(WHERE, GRID, "exact")
     truth = particles(projector)
     values = noisy_views(projector, truth)

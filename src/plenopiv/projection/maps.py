@@ -6,8 +6,8 @@ then read off the map at the places of its footprints, between points by linear 
 corrections are added to the map at those places, and each voxel sums the points around it. A voxel costs one small
 rectangle of products, however many microlenses it lights, and a microlens four points, however wide its footprint is.
 
-A map's points are a voxel apart, closer where a footprint is narrow, near focus, and wider far from it, where its edge
-is a ramp. Here are their sizes and the shares around a voxel.
+A map's points are a voxel apart, closer where a footprint is narrow or ends sharply, near focus, and wider far from
+it, where its edge is a ramp. Here are their sizes and the shares around a voxel.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from plenopiv.projection.simd import LANES
 
 ACROSS = 7.0  # points of a map across a footprint, at least; with 4, depth is worse by a quarter
 RAMP = 2  # such points on the ramp at a footprint's edge, at least, where they are more than a voxel apart
+SHARP = ((3, 1.0), (2, 2.5))  # points to a voxel where that ramp is shorter than so many voxels
 F = np.float32
 
 
@@ -49,8 +50,9 @@ def maps(geo, table: NDArray[np.float32], grid_shape: tuple[int, int, int], acro
     footprint_box(geo, table, reach)
     total = 0
     for k, (wide, high, ramp) in enumerate(reach.tolist()):
-        points = max(1, ceil(across / (2 * min(wide, high))))
-        per_point = ramp * ACROSS / (RAMP * across)
+        per_point = ramp * ACROSS / (RAMP * across)  # voxels
+        sharp = next((n for n, voxels in SHARP if ramp < voxels), 1)
+        points = max(ceil(sharp * across / ACROSS), ceil(across / (2 * min(wide, high))))
         shift = max(0, floor(log2(per_point))) if points == 1 and per_point > 0 else 0
         right, down = (ceil(points * half / 2**shift) for half in (wide, high))
         more = 2 if shift else 1

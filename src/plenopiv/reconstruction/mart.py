@@ -40,8 +40,8 @@ def mart(
     """The volume, among the voxels of ``volume``, whose views are ``values`` (view, lens), in counts.
 
     ``floor`` (counts, the dark noise) is added to measured and projected light, so that a pixel's noise does not empty
-    a voxel. Views come in a new random order each round: neighbours say nearly the same. ``relaxation`` falls from
-    twice its value in the first round, which has to find where light is, to its value in the last. Every few views
+    a voxel. Views come in a new random order each round: neighbours say nearly the same. The first round,
+    which has to find where light is, takes twice the ``relaxation``. Every few views
     voxels that hold no more than ``thin`` of the mean are left out: less of it during the first round, in proportion to
     the views that have spoken, and none in the last of several, which shares out their light. Returns the volume and
     the RMS residual, in counts, that each round met.
@@ -52,7 +52,7 @@ def mart(
     residuals = []
     working = volume.with_values(volume.values.copy())
     for done in range(iterations):
-        squares, power = 0.0, min(relaxation * (2 - done / max(iterations - 1, 1)), 1.0)
+        squares, power = 0.0, min(relaxation * (2 if done == 0 else 1), 1.0)
         for step, view in enumerate(rng.permutation(projector.views)):
             light = projector.forward(view, working)
             ratio = measured[view] / (light + np.float32(floor))
