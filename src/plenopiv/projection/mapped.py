@@ -17,15 +17,24 @@ RUNS = 16  # of planes, shared out among threads; forward, as many partial image
 class MappedViews:
     """Forward and back between the listed voxels of ``grid`` and the views of a camera (see ``Projector``).
 
-    ``rim``: the views (view,) with pixels that the aperture's rim cuts; ``across``: points of a map across a footprint.
+    ``rows``, ``planes``, ``lens_mm``: the camera and the grid as ``geometry`` has them; ``rim``: the views (view,) with
+    pixels that the aperture's rim cuts; ``across``: points of a map across a footprint.
     """
 
-    def __init__(self, layout: Layout, grid: VoxelGrid, rim: NDArray[np.bool_], across: float):
+    def __init__(
+        self,
+        layout: Layout,
+        grid: VoxelGrid,
+        rows: geometry.Rows,
+        planes: NDArray[np.float32],
+        lens_mm: NDArray[np.float32],
+        rim: NDArray[np.bool_],
+        across: float,
+    ):
         self.layout, self.grid, self.rim = layout, grid, rim
-        self.rows, self.planes = geometry.rows(layout.camera, grid), geometry.planes(layout.camera, grid)
+        self.rows, self.planes, self.lens_mm = rows, planes, lens_mm
         self.maps = maps(self.rows, self.planes, grid.shape, across)
         self.strip = strips.STRIP
-        self.lens_mm = geometry.lenses_mm(layout)
         downwards = self.planes[0, geometry.Plane._fields.index("voxel_t")]
         self._by_row = np.argsort(np.sign(downwards) * self.lens_mm[:, 1], kind="stable")
         self._last: tuple[int, NDArray[np.int64], View] | None = None

@@ -41,7 +41,8 @@ class Projector:
         self._rows, self._planes = geometry.rows(camera, grid), geometry.planes(camera, grid)
         m, n = np.abs(layout.offsets).T
         self._rim = np.hypot(m + 1.05, n + 1.05) > camera.aperture_radius_px  # phase and drift move a pixel by 0.55
-        self.mapped = MappedViews(layout, grid, self._rim, across) if weights == "exact" else None
+        camera_and_grid = layout, grid, self._rows, self._planes, self._lens_mm
+        self.mapped = MappedViews(*camera_and_grid, self._rim, across) if weights == "exact" else None
 
     @property
     def views(self) -> int:
