@@ -22,13 +22,15 @@ OFF = F(1.15)  # px that a pixel's q may be off its view's: its phase, its lit p
 
 
 @kernel
-def pixels_near(plane, points, y0, middle, t, low, high):
-    """The range of the pixels (sorted by row) whose footprints may be centred on rows low <= y < high of a map.
-    ``middle``: of their q along y, from which they are less than OFF away."""
-    shift, slack = y0 + points * plane.step_y * middle, OFF * points * abs(plane.step_y)
+def pixels_near(geo, plane, size, border, view, low, high):
+    """The range of a view's pixels (sorted by row) whose footprints may be centred on rows low <= y < high of a map:
+    their q along y is less than OFF away from the view's ``middle``."""
+    points, t = size[2], view.pixels[1]
+    shift = F(border[1]) - points * geo.y0 + points * plane.step_y * view.middle
+    slack = OFF * points * abs(plane.step_y)
     found = (0, 0)
     for side in range(2):
-        row = (low - slack if side == 0 else high + slack) - shift
+        row = (F(low) - slack if side == 0 else F(high) + slack) - shift
         a, b = 0, t.size
         while a < b:
             c = (a + b) // 2
@@ -70,8 +72,7 @@ def read(geo, plane, size, border, view, top, low, high, strip, light):
     ``top`` on are ``strip`` (flat)."""
     at = np.empty(BLOCK, np.int32)
     across, along, lit = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    width, y0 = U(size[1]), F(border[1]) - size[2] * geo.y0
-    first, last = pixels_near(plane, size[2], y0, view.middle, view.pixels[1], F(low), F(high))
+    width, (first, last) = U(size[1]), pixels_near(geo, plane, size, border, view, low, high)
     for begin in range(first, last, BLOCK):
         count, out = min(BLOCK, last - begin), light[begin:]
         places(geo, plane, size, border, view, begin, count, top, low, high, at, across, along, lit)
@@ -88,8 +89,7 @@ def write(geo, plane, size, border, view, top, low, high, image, strip):
     """The transpose of ``read`` but for ``plane.light``: add ``image`` (count,) to the strip."""
     at = np.empty(BLOCK, np.int32)
     across, along, lit = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    width, y0 = U(size[1]), F(border[1]) - size[2] * geo.y0
-    first, last = pixels_near(plane, size[2], y0, view.middle, view.pixels[1], F(low), F(high))
+    width, (first, last) = U(size[1]), pixels_near(geo, plane, size, border, view, low, high)
     for begin in range(first, last, BLOCK):
         count, value = min(BLOCK, last - begin), image[begin:]
         places(geo, plane, size, border, view, begin, count, top, low, high, at, across, along, lit)

@@ -40,11 +40,11 @@ def mart(
     """The volume, among the voxels of ``volume``, whose views are ``values`` (view, lens), in counts.
 
     ``floor`` (counts, the dark noise) is added to measured and projected light, so that a pixel's noise does not empty
-    a voxel. Views come in a new random order each round: neighbours say nearly the same. The first round,
-    which has to find where light is, takes twice the ``relaxation``. Every few views
-    voxels that hold no more than ``thin`` of the mean are left out: less of it during the first round, in proportion to
-    the views that have spoken, and none in the last of several, which shares out their light. Returns the volume and
-    the RMS residual, in counts, that each round met.
+    a voxel. Views come in a new random order each round: neighbours say nearly the same. The first round, which has
+    to find where light is, takes twice the ``relaxation``. Every few views voxels that hold no more than ``thin`` of
+    the mean are left out: less of it during the first round, in proportion to the views that have spoken, and none in
+    the last of several, which shares out their light. Returns the volume and the RMS residual, in counts, that each
+    round met.
     """
     seen = projector.layout.seen
     measured = np.maximum(values, 0.0) + np.float32(floor)
