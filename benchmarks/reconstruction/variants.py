@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from plenopiv.lightfield import LightField
 from plenopiv.projection.projector import Projector
+from plenopiv.reconstruction.thinning import keeping
 from plenopiv.volume import SparseVolume
 
 Array = NDArray[np.float32]
@@ -70,8 +71,10 @@ def of_round(relaxation: tuple[float, ...], k: int) -> float:
     return relaxation[min(k, len(relaxation) - 1)]
 
 
-def ratios(view: int, values: Array, projector: Projector, volume: SparseVolume, floor: float) -> Array:
-    """Measured over projected light of one view, (lens,)."""
+def ratios(
+    view: int | NDArray[np.int64], values: Array, projector: Projector, volume: SparseVolume, floor: float
+) -> Array:
+    """Measured over projected light of one view, (lens,), or of several."""
     f = np.float32(floor)
     return (np.maximum(values[view], 0.0) + f) / (projector.forward(view, volume) + f)
 
@@ -85,19 +88,21 @@ def view_sequential(
     floor: float = 1.0,
     order: Order | None = None,
     form: Form = "sums",
+    together: int = 1,
 ) -> Iterator[SparseVolume]:
-    """All pixels of a view at once, one view after the other."""
+    """All pixels of a view at once, or of ``together`` views, one after the other."""
     order = order or random_order()
     seen = projector.layout.seen
     volume = volume.with_values(volume.values.copy())
     for k in count():
         mu = of_round(relaxation, k)
-        for view in order(projector, k):
-            ratio = ratios(view, values, projector, volume, floor)
+        views = order(projector, k)
+        for some in np.split(views, range(together, views.size, together)):
+            ratio = ratios(some, values, projector, volume, floor)
             if form == "sums":
-                projector.multiply(view, np.where(seen[view], ratio**mu - 1.0, 0.0), volume)
+                projector.multiply(some, np.where(seen[some], ratio**mu - 1.0, 0.0), volume)
             else:
-                volume.values[:] *= np.exp(mu * projector.gather(view, np.log(ratio), volume))
+                volume.values[:] *= np.exp(mu * projector.gather(some, np.log(ratio), volume))
         yield volume.with_values(volume.values.copy())
 
 
@@ -143,7 +148,7 @@ def candidates(values: Array, projector: Projector, threshold: float, tolerance_
     dark = np.where(values > threshold, 0.0, 1.0).astype(np.float32)
     for view in rim_first(projector, 0):
         volume.values[:] += projector.gather(view, dark[view], volume)
-        volume = volume.keeping(volume.values <= tolerance_px)
+        volume = keeping(volume, volume.values <= tolerance_px)
     return volume
 
 

@@ -10,8 +10,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-ROWS_AT_A_TIME = 4096  # bounds what long lists take beside themselves
-
 
 @dataclass(frozen=True)
 class VoxelGrid:
@@ -123,19 +121,6 @@ class SparseVolume:
         ny = self.grid.shape[1]
         listed = np.diff(self.row_start[::ny])
         return self.with_values(self.values * np.repeat(factor.astype(np.float32), listed))
-
-    def keeping(self, keep: NDArray[np.bool_]) -> SparseVolume:
-        """Only the listed voxels where ``keep`` (one entry a listed voxel) is True."""
-        start = np.empty_like(self.row_start)
-        start[0] = 0
-        for lo in range(0, self.row_start.size - 1, ROWS_AT_A_TIME):
-            rows = slice(lo, min(lo + ROWS_AT_A_TIME, self.row_start.size - 1))
-            first, last = self.row_start[rows.start], self.row_start[rows.stop]
-            kept = np.concatenate([[0], np.cumsum(keep[first:last])])
-            start[rows.start + 1 : rows.stop + 1] = (
-                start[rows.start] + kept[self.row_start[rows.start + 1 : rows.stop + 1] - first]
-            )
-        return SparseVolume(self.grid, start, self.column[keep], self.values[keep])
 
     def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
         """See ``Volume.slab``."""

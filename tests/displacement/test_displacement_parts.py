@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
 from plenopiv.displacement.agreement import agreement
-from plenopiv.displacement.correlation import WindowCorrelator, fade
+from plenopiv.displacement.correlation import WindowCorrelator, Windows, fade
 from plenopiv.displacement.deformation import DeformedPlanes
 from plenopiv.displacement.peaks import LEAST, find_peaks, gaussian_offset, untilted
 from plenopiv.displacement.predictor import fit_spline, smooth_predictor
@@ -78,7 +78,7 @@ def naive_correlation(a, b, weight, search):
 
 
 def normalised(correlator, a, b, cuts=None):
-    spectra = correlator.spectra(a, b, cuts)
+    spectra = correlator.spectra(Windows.of(a), Windows.of(b), cuts)
     return correlator.correlation(spectra) * spectra.gain
 
 
@@ -189,7 +189,7 @@ def test_no_bias_toward_zero():
             )[None].astype(np.float32)
             for side in (-0.5, 0.5)
         ]
-        spectra = correlator.spectra(*light)
+        spectra = correlator.spectra(*map(Windows.of, light))
         total = total + correlator.correlation(spectra)
     d = np.zeros((1, 3))
     peaks_of(np.ascontiguousarray(total), spectra.gain, d, np.zeros(1, np.float32), np.zeros(1, bool))
@@ -212,7 +212,7 @@ def test_peak_is_where_the_second_window_went(whitening, axis, component):
     b = np.roll(a, 3, axis + 1)
     d, ratio, found = np.zeros((1, 3)), np.zeros(1, np.float32), np.zeros(1, bool)
     correlator = WindowCorrelator((16, 16, 16), (5, 5, 5), whitening=whitening)
-    spectra = correlator.spectra(a, b)
+    spectra = correlator.spectra(Windows.of(a), Windows.of(b))
     peaks_of(correlator.correlation(spectra), spectra.gain, d, ratio, found)
     expected = np.zeros(3)
     expected[component] = 3

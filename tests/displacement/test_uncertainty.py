@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from plenopiv.displacement.correlation import Windows
 from plenopiv.displacement.multigrid import correlation_pass, measure
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.settings import CorrelationSettings
@@ -40,9 +41,9 @@ def test_filtered_windows_multiply_to_the_correlation(whitening):
     """The plain products of the two filtered windows are exactly what the correlation sums."""
     correlator = ScatterCorrelator(SIZE, (2, 3, 2), variance=0.4, whitening=whitening, taper=2.0)
     a, b = noisy_windows()
-    spectra = correlator.spectra(a, b)
+    spectra = correlator.spectra(Windows.of(a), Windows.of(b))
     expected = correlator.correlation(spectra)
-    fa, fb = correlator.filtered(spectra)
+    fa, fb = np.moveaxis(correlator.filtered(spectra), 1, 0)[..., : SIZE[1], : SIZE[2]]
     for k, j, i in [(0, 0, 0), (1, -2, 1), (-2, 3, 0)]:
         product = (fa * np.roll(fb, (-k, -j, -i), (1, 2, 3))).sum((1, 2, 3))
         np.testing.assert_allclose(product, expected[:, k + 3, j + 4, i + 3], rtol=1e-3, atol=1e-5 * expected.max())
@@ -54,10 +55,10 @@ def test_variance_is_the_jackknife_of_the_peak_fit():
     a, b = noisy_windows(1)
     cuts = np.zeros((2, 3, 2))
     cuts[1, 2] = 3.0, 1.2
-    spectra = correlator.spectra(a, b, cuts)
+    spectra = correlator.spectra(Windows.of(a), Windows.of(b), cuts)
     slanted = np.array([[1.3, 0.2, -0.4], [0.1, 1.1, 0.0], [-0.5, 0.3, 1.7]])
     got = correlator.variance(spectra, np.array([[1, 2, 0]] * 2), np.array([slanted] * 2))
-    fa, fb = (w.astype(float) for w in correlator.filtered(spectra))
+    fa, fb = np.moveaxis(correlator.filtered(spectra), 1, 0)[..., : SIZE[1], : SIZE[2]].astype(float)
     blocks = [max(1, min(4, n // thinnest)) for n, thinnest in zip(SIZE, (12, 4, 4), strict=True)]
     edges = [np.arange(n) * count // n for n, count in zip(SIZE, blocks, strict=True)]
     shift = np.array([0, 2, 1])

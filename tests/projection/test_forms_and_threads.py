@@ -105,3 +105,16 @@ def test_results_do_not_depend_on_threads(name, threads):
     assert 0 < found[0][-1].size < GRID.size
     for one, two in zip(*found, strict=True):
         np.testing.assert_array_equal(one, two)
+
+
+@pytest.mark.parametrize("rule", ["exact", "polygons"])
+@pytest.mark.parametrize("name", ["square", "hexagonal, 5 deg"])
+def test_several_views_at_once_are_those_views(name, rule):
+    """Images are the same; what they give back to the voxels adds up."""
+    _, projector, volume = setting(name, rule)
+    views = np.array([20, 3, 11])
+    alone = np.array([projector.forward(v, volume) for v in views])
+    np.testing.assert_allclose(projector.forward(views, volume), alone, rtol=1e-5, atol=1e-6 * alone.max())
+    images = np.random.default_rng(6).standard_normal(alone.shape).astype(np.float32)
+    each = sum(projector.gather(v, image, volume) for v, image in zip(views, images, strict=True))
+    np.testing.assert_allclose(projector.gather(views, images, volume), each, atol=2e-5 * np.abs(each).max())

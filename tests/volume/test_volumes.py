@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from plenopiv.reconstruction.thinning import keeping
 from plenopiv.volume import DenseVolume, SparseVolume, VoxelGrid
 
 GRID = VoxelGrid.covering((-0.2, 0.3), (0.0, 0.21), (-0.5, 0.5), (0.05, 0.03, 0.1))
@@ -61,12 +62,12 @@ def test_slabs_reach_beyond_the_volume_with_zeros(lo, hi):
 def test_keeping_drops_voxels_and_no_others():
     _, volume = random_volume()
     keep = volume.values > 0.6
-    fewer = volume.keeping(keep)
+    fewer = keeping(volume, keep)
     want = volume.dense().values.copy()
     want[want <= 0.6] = 0
     np.testing.assert_array_equal(fewer.dense().values, want)
     assert fewer.row_start[-1] == fewer.column.size == keep.sum()
-    none = volume.keeping(np.zeros(volume.column.size, bool))
+    none = keeping(volume, np.zeros(volume.column.size, bool))
     assert none.column.size == 0
     assert not none.dense().values.any()
 

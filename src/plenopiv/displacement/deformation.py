@@ -14,9 +14,10 @@ from numba import prange
 from numpy.typing import NDArray
 
 from plenopiv.displacement.predictor import SplineField
-from plenopiv.kernels import inlined, parallel_kernel
+from plenopiv.kernels import inlined, kernel, parallel_kernel
 from plenopiv.volume import Volume
 
+CHUNK = 256  # voxels of a row sampled at once
 SPLINE_VARIANCE = 1.0 / 3.0  # voxel^2, of the cubic B-spline
 
 
@@ -80,42 +81,109 @@ def _weights(t):
     return w0, w1, w2, w3
 
 
+@kernel
+def _split(d, count, whole, weights):
+    """Displacements ``d`` (count,) as whole voxels and the spline's weights (4 * CHUNK)."""
+    for i in range(count):
+        # whole and fractional parts apart: a float32 of the position itself would lose digits in large volumes
+        f = np.floor(d[i])
+        whole[i] = np.int32(f)
+        w0, w1, w2, w3 = _weights(d[i] - f)
+        weights[i], weights[CHUNK + i], weights[2 * CHUNK + i], weights[3 * CHUNK + i] = w0, w1, w2, w3
+
+
+@kernel
+def _add_line(line, count, of_x, of_y, out):
+    """Add to ``out`` the weighted four neighbours in a line of the source, for voxels of a chunk that moved alike."""
+    for i in range(count):
+        near = of_x[i] * line[i] + of_x[CHUNK + i] * line[i + 1]
+        far = of_x[2 * CHUNK + i] * line[i + 2] + of_x[3 * CHUNK + i] * line[i + 3]
+        out[i] += of_y[i] * (near + far)
+
+
+@kernel
+def _add_plane(lines, count, of_z, out):
+    """Add a plane's sum to ``out``, and clear it."""
+    for i in range(count):
+        out[i] += of_z[i] * lines[i]
+        lines[i] = np.float32(0)
+
+
+@kernel
+def _add_at_face(source, x0, y0, z0, i, weights, out):
+    """Voxel i of a chunk, some of whose 64 neighbours lie outside the source."""
+    depth, ny, nx = source.shape
+    total = np.float32(0.0)
+    for a, b, e in np.ndindex(4, 4, 4):
+        z, y, x = z0 + a, y0 + b, x0 + e
+        if 0 <= z < depth and 0 <= y < ny and 0 <= x < nx:
+            w = weights[2, a * CHUNK + i] * weights[1, b * CHUNK + i] * weights[0, e * CHUNK + i]
+            total += w * source[z, y, x]
+    out[i] = total
+
+
+@kernel
+def _sample_chunk(source, x, y, z, d, count, whole, weights, lines, out):
+    """Sample voxels x to x + count of a row at z, y (of the source), moved by ``d`` (3, count), into ``out``.
+
+    Voxels that moved by the same whole number of voxels along each axis, most of a row, are summed as one vector.
+    """
+    depth, ny, nx = source.shape
+    for c in range(3):
+        _split(d[c], count, whole[c], weights[c])
+    out[:count] = np.float32(0)
+    first = 0
+    while first < count:
+        dx, dy, dz = whole[0, first], whole[1, first], whole[2, first]
+        last = first + 1
+        while last < count and whole[0, last] == dx and whole[1, last] == dy and whole[2, last] == dz:
+            last += 1
+        x0, y0, z0 = x + np.int64(dx) - 1, y + np.int64(dy) - 1, z + np.int64(dz) - 1
+        begin, end = first, first  # those of them whose neighbours all lie inside
+        if 0 <= y0 < ny - 3 and 0 <= z0 < depth - 3:
+            begin = min(max(first, -x0), last)
+            end = max(min(last, nx - 3 - x0), begin)
+        if begin < end:
+            for a in range(4):
+                for b in range(4):
+                    of_x, of_y = weights[0, begin:], weights[1, b * CHUNK + begin :]
+                    _add_line(source[z0 + a, y0 + b, x0 + begin :], end - begin, of_x, of_y, lines)
+                _add_plane(lines, end - begin, weights[2, a * CHUNK + begin :], out[begin:])
+        if -4 < y0 < ny and -4 < z0 < depth:
+            for i in range(first, last):
+                if not begin <= i < end and -4 < x0 + i < nx:
+                    _add_at_face(source, x0 + i, y0, z0, i, weights, out)
+        first = last
+
+
+@kernel
+def _add_share(line, count, share, out):
+    """Add ``share`` of a line to ``out``."""
+    for i in range(count):
+        out[i] += share * line[i]
+
+
+@kernel
+def _sample_row(source, lines_of_d, shares, y, z, out):
+    """Sample a row at y, z of the source, moved by the sums of lines of displacement (3, 4, nx) times ``shares``."""
+    d, lines = np.empty((3, CHUNK), np.float32), np.zeros(CHUNK, np.float32)
+    whole, weights = np.empty((3, CHUNK), np.int32), np.empty((3, 4 * CHUNK), np.float32)
+    for x in range(0, out.size, CHUNK):
+        count = min(CHUNK, out.size - x)
+        d[:] = np.float32(0)
+        for c in range(3):
+            for t in range(4):
+                _add_share(lines_of_d[c, t, x:], count, shares[t], d[c])
+        _sample_chunk(source, x, y, z, d, count, whole, weights, lines, out[x:])
+
+
 @parallel_kernel
 def _sample(source, source_lo, lo, along_x, first_y, weights_y, share):
     count = along_x.shape[0]
-    depth, ny, nx = source.shape
+    _, ny, nx = source.shape
     out = np.empty((count, ny, nx), np.float32)
     for row in prange(count * ny):
         k, j = row // ny, row % ny
-        d = np.zeros((3, nx), np.float32)
-        for c in range(3):
-            for t in range(4):
-                w = weights_y[j, t] * share
-                line = along_x[k, c, first_y[j] + t]
-                for i in range(nx):
-                    d[c, i] += w * line[i]
-        for i in range(nx):
-            # whole and fractional parts apart: a float32 of the position itself would lose digits in large volumes
-            fx, fy, fz = np.floor(d[0, i]), np.floor(d[1, i]), np.floor(d[2, i])
-            x0 = i + np.int64(fx) - 1
-            y0 = j + np.int64(fy) - 1
-            z0 = k + lo - source_lo + np.int64(fz) - 1
-            wx0, wx1, wx2, wx3 = _weights(d[0, i] - fx)
-            wy = _weights(d[1, i] - fy)
-            wz = _weights(d[2, i] - fz)
-            total = np.float32(0.0)
-            if x0 >= 0 and y0 >= 0 and z0 >= 0 and x0 + 3 < nx and y0 + 3 < ny and z0 + 3 < depth:
-                for a in range(4):
-                    part = np.float32(0.0)
-                    for b in range(4):
-                        s = source[z0 + a, y0 + b]
-                        part += wy[b] * (wx0 * s[x0] + wx1 * s[x0 + 1] + wx2 * s[x0 + 2] + wx3 * s[x0 + 3])
-                    total += wz[a] * part
-            elif x0 > -4 and y0 > -4 and z0 > -4 and x0 < nx and y0 < ny and z0 < depth:
-                wx = (wx0, wx1, wx2, wx3)
-                for a, b, e in np.ndindex(4, 4, 4):
-                    z, y, x = z0 + a, y0 + b, x0 + e
-                    if 0 <= z < depth and 0 <= y < ny and 0 <= x < nx:
-                        total += wz[a] * wy[b] * wx[e] * source[z, y, x]
-            out[k, j, i] = total
+        lines_of_d = along_x[k, :, first_y[j] : first_y[j] + 4]
+        _sample_row(source, lines_of_d, weights_y[j] * share, j, k + lo - source_lo, out[k, j])
     return out

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.agreement import agreement
+from plenopiv.displacement.correlation import Windows
 from plenopiv.displacement.deformation import SPLINE_VARIANCE, DeformedPlanes
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.peaks import find_peaks
@@ -70,7 +71,7 @@ def correlation_pass(
     ratio = np.zeros((nz, ny * nx), np.float32)
     moved = np.zeros((nz, ny * nx, 3))
     spread = np.zeros_like(moved)
-    corners = list(product(windows.starts[1].tolist(), windows.starts[2].tolist()))
+    corners = np.array(list(product(windows.starts[1].tolist(), windows.starts[2].tolist())))
     batch = max(1, _BATCH_VOXELS // int(np.prod(size)))
     exponent, power = settings.intensity_exponent, settings.agreement
     if exponent != 1.0:
@@ -84,25 +85,24 @@ def correlation_pass(
 
             def work(lo: int, layer: int = layer, pa: NDArray = planes_a, pb: NDArray = planes_b) -> None:
                 part = slice(lo, min(lo + batch, len(corners)))
-                cut_a, cut_b = (
-                    np.stack([p[:, j : j + size[1], i : i + size[2]] for j, i in corners[part]]) for p in (pa, pb)
-                )
+                first, second = (Windows.cut(planes, corners[part]) for planes in (pa, pb))
                 if cuts is None:
-                    spectra = correlator.spectra(cut_a, cut_b)
+                    spectra = correlator.spectra(first, second)
                 else:
-                    trust = agreement(cut_a, cut_b) ** np.float32(power) if power else None
-                    spectra = correlator.spectra(cut_a, cut_b, cuts[layer, part], trust)
+                    trust = None
+                    if power:
+                        held = ([p[:, j : j + size[1], i : i + size[2]] for j, i in corners[part]] for p in (pa, pb))
+                        trust = agreement(*map(np.stack, held)) ** np.float32(power)
+                    spectra = correlator.spectra(first, second, cuts[layer, part], trust)
                 correlation = correlator.correlation(spectra)
-                place, untilt = np.empty((len(cut_a), 3), np.int64), np.empty((len(cut_a), 3, 3))
+                place, untilt = np.empty((len(spectra.lit), 3), np.int64), np.empty((len(spectra.lit), 3, 3))
                 into = moved[layer, part], ratio[layer, part], found[layer, part]
                 find_peaks(correlation, spectra.gain, *into, place, untilt)
-                # one bright voxel against rounding of an empty window is not a match
-                lit = (np.ptp(cut_a, axis=(1, 2, 3)) > 0) & (np.ptp(cut_b, axis=(1, 2, 3)) > 0)
-                found[layer, part] &= lit
-                moved[layer, part][~lit] = 0.0
+                found[layer, part] &= spectra.lit
+                moved[layer, part][~spectra.lit] = 0.0
                 if scatter:
                     spread[layer, part] = correlator.variance(spectra, place, untilt)
-                ratio[layer, part][~lit] = 0.0
+                ratio[layer, part][~spectra.lit] = 0.0
 
             list(pool.map(work, range(0, len(corners), batch)))
             if step_done is not None:

@@ -22,10 +22,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 from scipy.spatial import cKDTree
 
-from plenopiv.displacement.correlation import Spectra, WindowCorrelator, fade
+from plenopiv.displacement.correlation import Spectra, WindowCorrelator, as_correlated, fade
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.predictor import smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
@@ -47,66 +46,80 @@ class ScatterCorrelator(WindowCorrelator):
     def variance(self, spectra: Spectra, place: NDArray[np.int64], untilt: NDArray[np.float64]) -> NDArray[np.float64]:
         """Jackknife variance (batch, 3), voxel^2, along x, y, z, of the peaks of a batch. ``place``, ``untilt``: as
         ``find_peaks`` leaves them."""
-        a, b = self.filtered(spectra)
-        peak = place[:, ::-1]  # z, y, x
-        for window, shift in zip(b, peak, strict=True):
-            if shift.any():
-                window[:] = np.roll(window, tuple(-shift), (0, 1, 2))
-        a, b = (np.pad(w, ((0, 0), (0, 1), (0, 1), (0, 1)), mode="wrap") for w in (a, b))
+        pairs = self.filtered(spectra)
         blocks = np.array([max(1, min(_BLOCKS, n // thin)) for n, thin in zip(self.size, _THINNEST, strict=True)])
-        sums = np.zeros((len(a), int(blocks.prod()), 7))
-        block_sums(a, b, blocks, sums)
+        sums = np.zeros((len(pairs), int(blocks.prod()), 7))
+        block_sums(pairs, self.around, place, blocks, sums)
         star = np.array([(0, 0, 0), (0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0)])
-        z, y, x = np.moveaxis(np.array(spectra.gain.shape[1:]) // 2 + peak[:, None] + star, -1, 0)  # (batch, 7) each
-        window = np.arange(len(a))[:, None] if len(spectra.gain) > 1 else 0
-        out = np.zeros((len(a), 3))
+        middle = np.array(spectra.gain.shape[1:]) // 2 + place[:, None, ::-1]  # z, y, x
+        z, y, x = np.moveaxis(middle + star, -1, 0)  # (batch, 7) each
+        window = np.arange(len(pairs))[:, None] if len(spectra.gain) > 1 else 0
+        out = np.zeros((len(pairs), 3))
         jackknife_variance(sums * spectra.gain[window, z, y, x][:, None], untilt, out)
         return out
 
-    def filtered(self, spectra: Spectra) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Both windows as the correlation sees them: R(d) is their plain circular sum of products.
+    def filtered(self, spectra: Spectra) -> NDArray[np.float32]:
+        """Both windows as the correlation sees them, (batch, 2, nz, ny, nx): R(d) is their plain circular sum of
+        products. ny and nx are rounded up to whole vectors.
 
         Each takes the square root of the factor that whitening and smoothing put on the cross spectrum.
         """
-        factor = np.broadcast_to(self._filter, spectra.first.shape)
-        if self.whitening:
-            factor = factor * self._whitened(np.abs(spectra.first) * np.abs(spectra.second))
-        root = np.sqrt(factor)
-        a, b = (
-            fft.irfftn(s * root, self.size, axes=(1, 2, 3), workers=1, overwrite_x=True)
-            for s in (spectra.first, spectra.second)
-        )
-        return a, b
+        out = np.empty((len(spectra.pairs), 2, self.around[0], self._high, self._wide), np.float32)
+        about = self._plans, self._wide, self._high, self._filters, np.float32(self.whitening)
+        as_correlated(spectra.pairs, *about, out.reshape(len(out), -1))
+        return out
 
 
 @kernel(nogil=True)
-def block_sums(a, b, blocks, out):
+def wrapped(window, shift, out):
+    """``window``, moved by -``shift`` (x, y, z) around its ends, with its first plane, row and column once more."""
+    nz, ny, nx = out.shape[0] - 1, out.shape[1] - 1, out.shape[2] - 1
+    begin = shift[0] % nx
+    for k in range(nz + 1):
+        for j in range(ny + 1):
+            row = window[(k + shift[2]) % nz, (j + shift[1]) % ny]
+            out[k, j, : nx - begin] = row[begin:nx]
+            out[k, j, nx - begin : nx] = row[:begin]
+            out[k, j, nx] = row[begin]
+
+
+@kernel(nogil=True)
+def block_sums(pairs, size, place, blocks, out):
     """Contribution of each block of a window to the peak and its six neighbours.
 
-    ``a``, ``b``: float32 (batch, nz + 1, ny + 1, nx + 1), ``b`` shifted so that the peak is at zero, the last plane,
-    row and column repeating the first. Adds to ``out`` (batch, blocks, 7): sums of a b at 0, -x, +x, -y, +y, -z, +z. A
-    pair one voxel apart counts where its lower voxel is, for either sign: a perfect match then has no asymmetry in any
-    block.
+    ``pairs``: as ``filtered``, windows of ``size`` (nz, ny, nx) with the peak at ``place`` (batch, 3). Adds to ``out``
+    (batch, blocks, 7): sums of a b at 0, -x, +x, -y, +y, -z, +z of the peak. A pair one voxel apart counts where its
+    lower voxel is, for either sign: a perfect match then has no asymmetry in any block.
     """
-    count, nz, ny, nx = a.shape[0], a.shape[1] - 1, a.shape[2] - 1, a.shape[3] - 1
+    nz, ny, nx = size
     bz, by, bx = blocks
-    for w in range(count):
+    a = np.empty((nz + 1, ny + 1, nx + 1), np.float32)
+    b, sums = np.empty_like(a), np.zeros((7, nx), np.float32)
+    for w in range(pairs.shape[0]):
+        wrapped(pairs[w, 0], np.zeros(3, np.int64), a)
+        wrapped(pairs[w, 1], place[w], b)
         for k in range(nz):
             for j in range(ny):
+                add_products(a[k, j], b[k, j], sums[0])
+                add_products(a[k, j, 1:], b[k, j], sums[1])
+                add_products(a[k, j], b[k, j, 1:], sums[2])
+                add_products(a[k, j + 1], b[k, j], sums[3])
+                add_products(a[k, j], b[k, j + 1], sums[4])
+                add_products(a[k + 1, j], b[k, j], sums[5])
+                add_products(a[k, j], b[k + 1, j], sums[6])
                 layer = (k * bz // nz * by + j * by // ny) * bx
-                pa, pb = a[w, k, j], b[w, k, j]
-                for block in range(bx):
-                    s0 = s1 = s2 = s3 = s4 = s5 = s6 = np.float32(0.0)
-                    for i in range((block * nx + bx - 1) // bx, ((block + 1) * nx + bx - 1) // bx):
-                        s0 += pa[i] * pb[i]
-                        s1 += pa[i + 1] * pb[i]
-                        s2 += pa[i] * pb[i + 1]
-                        s3 += a[w, k, j + 1, i] * pb[i]
-                        s4 += pa[i] * b[w, k, j + 1, i]
-                        s5 += a[w, k + 1, j, i] * pb[i]
-                        s6 += pa[i] * b[w, k + 1, j, i]
-                    for n, s in enumerate((s0, s1, s2, s3, s4, s5, s6)):
-                        out[w, layer + block, n] += s
+                if (j + 1) * by // ny > j * by // ny:  # the last row of a block, or of the window
+                    for n in range(7):
+                        for i in range(nx):
+                            out[w, layer + i * bx // nx, n] += sums[n, i]
+                    sums[:] = np.float32(0)
+
+
+@kernel(nogil=True)
+def add_products(a, b, out):
+    """Add the products of ``a`` and ``b``, as far as ``out`` goes."""
+    for i in range(out.size):
+        out[i] += a[i] * b[i]
 
 
 @kernel(nogil=True)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from plenopiv.lightfield import Layout
 from plenopiv.projection import geometry, strips
 from plenopiv.projection.maps import maps, widest
-from plenopiv.projection.views import View, look
+from plenopiv.projection.views import Views, look
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 RUNS = 16  # of planes, shared out among threads; forward, as many partial images are summed in order
@@ -37,47 +37,61 @@ class MappedViews:
         self.strip = strips.STRIP
         downwards = self.planes[0, geometry.Plane._fields.index("voxel_t")]
         self._by_row = np.argsort(np.sign(downwards) * self.lens_mm[:, 1], kind="stable")
-        self._last: tuple[int, NDArray[np.int64], View] | None = None
+        self._last: tuple[tuple[int, ...], NDArray[np.int64], Views] | None = None
 
-    def forward(self, view: int, volume: SparseVolume) -> NDArray[np.float32]:
-        """The volume's light in one view, (lens,); 0 where the pixel is no equation."""
-        lenses, pixels = self.look(view)
+    def forward(self, views: NDArray[np.int64], volume: SparseVolume) -> NDArray[np.float32]:
+        """The volume's light in each of ``views``, (views, lens); 0 where the pixel is no equation."""
+        lenses, pixels = self.look(views)
         partial = np.empty((RUNS, lenses.size), np.float32)
         strips.forward(*self._kernel_arguments(volume, pixels), volume.values, partial)
-        image = np.zeros(self.layout.lenses, np.float32)
-        image[lenses] = partial.sum(0)
-        return image
+        images = np.zeros((len(views), self.layout.lenses), np.float32)
+        images[_of_view(pixels), lenses] = partial.sum(0)
+        return images
 
-    def gather(self, view: int, image: NDArray[np.float32], volume: SparseVolume, out: NDArray[np.float32]) -> None:
-        """For each listed voxel the sum of ``image`` (lens,) over the pixels that it lights, each by its lit share of
-        the pixel, into ``out``."""
-        self._gather(view, image, volume, False, out)
+    def gather(
+        self, views: NDArray[np.int64], images: NDArray[np.float32], volume: SparseVolume, out: NDArray[np.float32]
+    ) -> None:
+        """For each listed voxel the sum of ``images`` (views, lens) over the pixels that it lights, each by its lit
+        share of the pixel, into ``out``."""
+        self._gather(views, images, volume, 0, out)
 
-    def multiply(self, view: int, correction: NDArray[np.float32], volume: SparseVolume) -> None:
-        """Multiply the voxels by 1 plus what ``gather`` gives of ``correction``, at least 0."""
-        self._gather(view, correction, volume, True, volume.values)
+    def multiply(self, views: NDArray[np.int64], corrections: NDArray[np.float32], volume: SparseVolume) -> None:
+        """Multiply the voxels by ``strips.factor_of`` what ``gather`` gives of ``corrections``."""
+        self._gather(views, corrections, volume, len(views), volume.values)
 
-    def look(self, view: int) -> tuple[NDArray[np.int64], View]:
-        """The lenses whose pixel in a view is an equation and may meet a voxel, and those pixels."""
-        if self._last is None or self._last[0] != view:
-            where, (m, n) = self.layout, self.layout.offsets[view].astype(np.float32)
-            column, row = geometry.ends(where, self.rows, self.planes, self.lens_mm, view)
-            (_, ny, nx), (wide, high) = self.grid.shape, widest(self.maps)
-            meets = where.seen[view] & (column.min(0) < nx + wide) & (column.max(0) > -wide - 1)
-            meets &= (row.min(0) < ny + high) & (row.max(0) > -high - 1)
-            lenses = self._by_row[meets[self._by_row]]
-            found = np.empty((8, lenses.size), np.float32)
+    def look(self, views: NDArray[np.int64]) -> tuple[NDArray[np.int64], Views]:
+        """The lenses whose pixels in views are equations and may meet a voxel, view by view, and those pixels."""
+        if self._last is None or self._last[0] != tuple(views):
             first, last = self.planes[[0, -1], geometry.Plane._fields.index("spread")]
-            look(self.rows, lenses, m, n, bool(self.rim[view]), self.lens_mm, where.phase, first, last, found)
-            self._last = view, lenses, View(found, first, -n)
+            lenses = [self._meeting(view) for view in views]
+            start = np.cumsum([0, *(found.size for found in lenses)])
+            pixels = np.empty((8, start[-1]), np.float32)
+            for k, (view, found) in enumerate(zip(views, lenses, strict=True)):
+                (m, n), rim, part = self.layout.offsets[view].astype(np.float32), bool(self.rim[view]), start[k : k + 2]
+                look(self.rows, found, m, n, rim, self.lens_mm, self.layout.phase, first, last, *part, pixels)
+            middle = -self.layout.offsets[views, 1].astype(np.float32)
+            self._last = tuple(views), np.concatenate(lenses), Views(pixels, start, first, middle)
         return self._last[1:]
 
-    def _kernel_arguments(self, volume: SparseVolume, pixels: View):
+    def _meeting(self, view: int) -> NDArray[np.int64]:
+        """The lenses whose pixel in a view is an equation and may meet a voxel, sorted by row."""
+        column, row = geometry.ends(self.layout, self.rows, self.planes, self.lens_mm, view)
+        (_, ny, nx), (wide, high) = self.grid.shape, widest(self.maps)
+        meets = self.layout.seen[view] & (column.min(0) < nx + wide) & (column.max(0) > -wide - 1)
+        meets &= (row.min(0) < ny + high) & (row.max(0) > -high - 1)
+        return self._by_row[meets[self._by_row]]
+
+    def _kernel_arguments(self, volume: SparseVolume, pixels: Views):
         table = self.maps
         about = table.shape, table.border, table.shares, table.start, self.strip, pixels, self.grid.shape[1]
         return self.rows, self.planes, *about, volume.row_start, volume.column
 
-    def _gather(self, view: int, image, volume: SparseVolume, multiply: bool, out: NDArray[np.float32]) -> None:
-        lenses, pixels = self.look(view)
-        corrections = image[lenses].astype(np.float32)
+    def _gather(self, views: NDArray[np.int64], images, volume: SparseVolume, multiply: int, out) -> None:
+        lenses, pixels = self.look(views)
+        corrections = images[_of_view(pixels), lenses].astype(np.float32)
         strips.gather(*self._kernel_arguments(volume, pixels), corrections, multiply, RUNS, out)
+
+
+def _of_view(pixels: Views) -> NDArray[np.int64]:
+    """The number of the view of each pixel."""
+    return np.repeat(np.arange(pixels.middle.size), np.diff(pixels.start))

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.cameras.coverage import half_sensor_mm
 from plenopiv.lightfield import Layout
@@ -77,34 +77,38 @@ class Projector:
         """The voxels that the middle of the aperture sees, each of value 1."""
         return SparseVolume.from_planes(self.grid, self.seen_from_the_middle())
 
-    def forward(self, view: int, volume: SparseVolume) -> NDArray[np.float32]:
-        """The volume's light in one view, (lens,); 0 where the pixel is no equation."""
+    def forward(self, views: ArrayLike, volume: SparseVolume) -> NDArray[np.float32]:
+        """The volume's light in one view, (lens,), or in several, (views, lens), which cost less than one by one; 0
+        where the pixel is no equation."""
+        each = np.atleast_1d(views)
         if self.mapped is not None:
-            return self.mapped.forward(view, volume)
-        partial = np.empty((PARTIAL_IMAGES, self.layout.lenses), np.float32)
-        self._walk(view, volume, PARTIAL_IMAGES, NOTHING, partial, NOTHING, True)
-        image = partial.sum(0)
-        image[~self.layout.seen[view]] = 0.0
-        return image
+            images = self.mapped.forward(each, volume)
+        else:
+            images = np.array([self._forward(view, volume) for view in each])
+        return images.reshape(*np.shape(views), -1)
 
-    def gather(self, view: int, image: NDArray[np.float32], volume: SparseVolume) -> NDArray[np.float32]:
-        """For each listed voxel the sum of ``image`` over the pixels that it lights, each by its lit share of the
-        pixel."""
-        out = np.empty(volume.values.size, np.float32)
+    def gather(self, views: ArrayLike, images: NDArray[np.float32], volume: SparseVolume) -> NDArray[np.float32]:
+        """For each listed voxel the sum of ``images`` over the pixels that it lights, each by its lit share of the
+        pixel; of one view, ``images`` (lens,), or of several, (views, lens)."""
+        each, images = np.atleast_1d(views), np.atleast_2d(images)
+        out = np.zeros(volume.values.size, np.float32)
         if self.mapped is not None:
-            self.mapped.gather(view, image, volume, out)
+            self.mapped.gather(each, images, volume, out)
             return out
-        seen = np.where(self.layout.seen[view], image, 0.0).astype(np.float32)
-        self._walk(view, volume, CHUNKS, seen, np.empty((1, 1), np.float32), out, False)
+        for view, image in zip(each, images, strict=True):
+            seen, part = np.where(self.layout.seen[view], image, 0.0).astype(np.float32), np.empty_like(out)
+            self._walk(view, volume, CHUNKS, seen, np.empty((1, 1), np.float32), part, False)
+            out += part
         return out
 
-    def multiply(self, view: int, correction: NDArray[np.float32], volume: SparseVolume) -> None:
-        """Multiply each voxel by 1 plus the share-weighted sum of ``correction`` over the pixels that it lights, or
-        empty it where that is negative."""
+    def multiply(self, views: ArrayLike, corrections: NDArray[np.float32], volume: SparseVolume) -> None:
+        """Multiply each voxel by 1 plus the share-weighted sum of ``corrections`` over the pixels that it lights, or
+        empty it where that is negative; in several views at once (as ``gather``) by what ``factor_of`` makes of it."""
         if self.mapped is not None:
-            self.mapped.multiply(view, correction, volume)
+            self.mapped.multiply(np.atleast_1d(views), np.atleast_2d(corrections), volume)
         else:
-            volume.values[:] *= np.maximum(1 + self.gather(view, correction, volume), 0)
+            total, count = self.gather(views, corrections, volume), np.size(views)
+            volume.values[:] *= np.where(total >= 0, 1 + total, np.maximum(1 + total / count, 0) ** count)
 
     def light_of_planes(self) -> NDArray[np.float32]:
         """Share of a voxel's light that a wholly lit pixel collects, by plane (nz,)."""
@@ -156,6 +160,14 @@ class Projector:
                 yield from alive[:, :, :nx] > 0
 
         return SparseVolume.from_planes(self.grid, planes())
+
+    def _forward(self, view: int, volume: SparseVolume) -> NDArray[np.float32]:
+        """The volume's light in one view by polygons or rays."""
+        partial = np.empty((PARTIAL_IMAGES, self.layout.lenses), np.float32)
+        self._walk(view, volume, PARTIAL_IMAGES, NOTHING, partial, NOTHING, True)
+        image = partial.sum(0)
+        image[~self.layout.seen[view]] = 0.0
+        return image
 
     def _row_chunks(self, volume: SparseVolume, count: int) -> NDArray[np.int64]:
         """Bounds of ``count`` runs of rows with about as many listed voxels each."""

@@ -13,7 +13,6 @@ from plenopiv.kernels import inlined, kernel, parallel_kernel
 from plenopiv.projection.pixels import (
     EXACT,
     ONE_RAY,
-    STRIPS,
     box_of,
     floor_of,
     pixel_share,
@@ -21,8 +20,8 @@ from plenopiv.projection.pixels import (
     ray_inside,
     ray_share,
     reach_of,
-    strip_share,
 )
+from plenopiv.projection.views import lit_part
 
 LANES = 16  # voxels of a row computed at once: the widest float32 vector
 F = np.float32
@@ -47,18 +46,11 @@ def row_weights(geo, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, ou
     """
     for b in range(0, n, LANES):
         part = weight[b : b + LANES]
-        if rule == EXACT and not rim:
+        if rule == EXACT:
             for i in range(LANES):
                 f = F(b + i)
                 x, y = outward(x0 + f * step_x, out_x), outward(y0 + f * step_y, out_y)
                 part[i] = pixel_share(geo, plane, x, y)
-        elif rule == EXACT:
-            part[:] = F(0)
-            for strip in range(STRIPS):
-                for i in range(LANES):
-                    f = F(b + i)
-                    x, y = outward(x0 + f * step_x, out_x), outward(y0 + f * step_y, out_y)
-                    part[i] += strip_share(geo, plane, qx, qy, strip, x, y)
         elif rule == ONE_RAY:
             for i in range(LANES):
                 f = F(b + i)
@@ -72,12 +64,11 @@ def row_weights(geo, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, ou
 
 
 @kernel
-def footprint_of(geo, plane, rule, s, t, qx, qy):
-    """Where a pixel's light comes from in a plane: centre and half widths (voxels, x and y) of the box around it."""
+def footprint_of(geo, plane, s, t, qx, qy):
+    """Where a pixel's light comes from in a plane: the middle of its footprint, voxels along x and y."""
     cx = plane.voxel_s * s + plane.step_x * qx - geo.x0
     cy = plane.voxel_t * t + plane.step_y * qy - geo.y0
-    reach_x, reach_y = box_of(geo, plane, rule)
-    return cx, cy, reach_x, reach_y
+    return cx, cy
 
 
 @kernel
@@ -108,10 +99,10 @@ def sharpness_of_planes(geo, table, out):
 @kernel
 def any_alive(row):
     """Whether a stretch of a row holds a voxel that is not ruled out."""
-    total = 0
+    found = np.uint8(0)
     for i in range(row.size):
-        total += row[i]
-    return total > 0
+        found = np.uint8(found | row[i])
+    return found > 0
 
 
 @parallel_kernel
@@ -121,7 +112,8 @@ def prune(geo, table, largest, rule, rim, offsets, order, lens_mm, phase, fill, 
     ``alive``: uint8 (planes, ny, nx + LANES), 1 for voxels not ruled out. ``table`` and ``largest`` (planes,), the
     largest share of a pixel, are those of its planes. ``particle``: light of a particle in counts, all pixels together.
     ``blur`` (planes,): cells that half a voxel in depth moves a footprint, per pixel of q. A voxel's share of a pixel
-    is the least over the places within it (for exact areas). Views are tried in ``order``.
+    is the least over the places within it (for exact areas). A pixel that the aperture's rim cuts counts as in
+    ``views``. Views are tried in ``order``.
     """
     nz, ny, nx = alive.shape
     for k in prange(nz):
@@ -134,20 +126,26 @@ def prune(geo, table, largest, rule, rim, offsets, order, lens_mm, phase, fill, 
             half_x = F(0.5) * (abs(plane.cell_x * geo.cos) + abs(plane.cell_y * geo.sin))
             half_y = F(0.5) * (abs(plane.cell_y * geo.cos) + abs(plane.cell_x * geo.sin))
         least = F(LEAST_SHARE) * largest[k]
+        reach_x, reach_y = box_of(geo, plane, rule)
         for view in order:
             m, n = F(offsets[view, 0]), F(offsets[view, 1])
             for lens in range(lens_mm.shape[0]):
                 limit = max(bound[view, lens] / counts, least)
                 if limit >= largest[k]:
                     continue
-                qx, qy = m - phase[lens, 0], phase[lens, 1] - n
-                cx, cy, reach_x, reach_y = footprint_of(geo, plane, rule, lens_mm[lens, 0], lens_mm[lens, 1], qx, qy)
+                qx, qy, lit = m - phase[lens, 0], phase[lens, 1] - n, F(1)
+                out_x, out_y = half_x + abs(qx) * blur[k], half_y + abs(qy) * blur[k]
+                if rim[view] and rule == EXACT:
+                    lit, qx, qy = lit_part(geo.radius, plane.spread, qx, qy)
+                    limit /= max(lit, F(1e-3))
+                    if limit >= largest[k]:
+                        continue
+                cx, cy = footprint_of(geo, plane, lens_mm[lens, 0], lens_mm[lens, 1], qx, qy)
                 i0, i1 = max(floor_of(cx - reach_x) + 1, 0), min(floor_of(cx + reach_x) + 1, nx - LANES)
                 j0, j1 = max(floor_of(cy - reach_y) + 1, 0), min(floor_of(cy + reach_y) + 1, ny)
                 if i0 >= i1 or j0 >= j1:
                     continue
                 lanes = (i1 - i0 + LANES - 1) // LANES * LANES
-                out_x, out_y = half_x + abs(qx) * blur[k], half_y + abs(qy) * blur[k]
                 for j in range(j0, j1):
                     row = where[j, i0 : i0 + lanes]
                     if not any_alive(row):

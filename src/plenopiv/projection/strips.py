@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from plenopiv.kernels import kernel, parallel_kernel
+from plenopiv.kernels import inlined, kernel, parallel_kernel
 from plenopiv.projection.pixels import plane_of
 from plenopiv.projection.simd import add_products, row_products
 
@@ -22,16 +22,16 @@ OFF = F(1.15)  # px that a pixel's q may be off its view's: its phase, its lit p
 
 
 @kernel
-def pixels_near(geo, plane, size, border, view, low, high):
-    """The range of a view's pixels (sorted by row) whose footprints may be centred on rows low <= y < high of a map:
-    their q along y is less than OFF away from the view's ``middle``."""
-    points, t = size[2], view.pixels[1]
-    shift = F(border[1]) - points * geo.y0 + points * plane.step_y * view.middle
+def pixels_near(geo, plane, size, border, views, n, low, high):
+    """The range of the pixels of view n (sorted by row) whose footprints may be centred on rows low <= y < high of a
+    map: their q along y is less than OFF away from the view's ``middle``."""
+    points, t = size[2], views.pixels[1]
+    shift = F(border[1]) - points * geo.y0 + points * plane.step_y * views.middle[n]
     slack = OFF * points * abs(plane.step_y)
     found = (0, 0)
     for side in range(2):
         row = (F(low) - slack if side == 0 else F(high) + slack) - shift
-        a, b = 0, t.size
+        a, b = views.start[n], views.start[n + 1]
         while a < b:
             c = (a + b) // 2
             if points * plane.voxel_t * t[c] < row:
@@ -43,7 +43,7 @@ def pixels_near(geo, plane, size, border, view, low, high):
 
 
 @kernel
-def places(geo, plane, size, border, view, begin, count, top, low, high, at, across, along, lit):
+def places(geo, plane, size, border, views, begin, count, top, low, high, at, across, along, lit):
     """Where the footprints of pixels ``begin`` onwards are centred on a strip, of a map of ``size`` (rows, columns,
     points to a voxel), whose first row is ``top``: the point above and to the left, the way to the next column and row,
     and the pixels' lit shares; 0 for those that are not on rows low <= y < high. Those off the map along x go to its
@@ -52,7 +52,7 @@ def places(geo, plane, size, border, view, begin, count, top, low, high, at, acr
     right = F(size[1]) - F(1.01)
     x0, y0 = F(border[0]) - points * geo.x0, F(border[1]) - points * geo.y0
     xs, xq, ys, yq = points * plane.voxel_s, points * plane.step_x, points * plane.voxel_t, points * plane.step_y
-    off, p = plane.spread - view.first, view.pixels
+    off, p = plane.spread - views.first, views.pixels
     s, t, qx, qy = p[0, begin:], p[1, begin:], p[2, begin:], p[3, begin:]
     share, qx_off, qy_off, share_off = p[4, begin:], p[5, begin:], p[6, begin:], p[7, begin:]
     low, high, top = np.int32(low), np.int32(high), np.int32(top)
@@ -67,15 +67,15 @@ def places(geo, plane, size, border, view, begin, count, top, low, high, at, acr
 
 
 @kernel
-def read(geo, plane, size, border, view, top, low, high, strip, light):
-    """Add to ``light`` (count,) what the pixels of a view on rows low <= y < high of a map collect, whose rows from
+def read(geo, plane, size, border, views, n, top, low, high, strip, light):
+    """Add to ``light`` (count,) what the pixels of view n on rows low <= y < high of a map collect, whose rows from
     ``top`` on are ``strip`` (flat)."""
     at = np.empty(BLOCK, np.int32)
     across, along, lit = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    width, (first, last) = U(size[1]), pixels_near(geo, plane, size, border, view, low, high)
+    width, (first, last) = U(size[1]), pixels_near(geo, plane, size, border, views, n, low, high)
     for begin in range(first, last, BLOCK):
         count, out = min(BLOCK, last - begin), light[begin:]
-        places(geo, plane, size, border, view, begin, count, top, low, high, at, across, along, lit)
+        places(geo, plane, size, border, views, begin, count, top, low, high, at, across, along, lit)
         for c in range(count):
             p = U(at[c])
             above = strip[p] + across[c] * (strip[p + U(1)] - strip[p])
@@ -85,14 +85,14 @@ def read(geo, plane, size, border, view, top, low, high, strip, light):
 
 
 @kernel
-def write(geo, plane, size, border, view, top, low, high, image, strip):
+def write(geo, plane, size, border, views, n, top, low, high, image, strip):
     """The transpose of ``read`` but for ``plane.light``: add ``image`` (count,) to the strip."""
     at = np.empty(BLOCK, np.int32)
     across, along, lit = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    width, (first, last) = U(size[1]), pixels_near(geo, plane, size, border, view, low, high)
+    width, (first, last) = U(size[1]), pixels_near(geo, plane, size, border, views, n, low, high)
     for begin in range(first, last, BLOCK):
         count, value = min(BLOCK, last - begin), image[begin:]
-        places(geo, plane, size, border, view, begin, count, top, low, high, at, across, along, lit)
+        places(geo, plane, size, border, views, begin, count, top, low, high, at, across, along, lit)
         for c in range(count):
             p, whole = U(at[c]), lit[c] * value[c]
             below = along[c] * whole
@@ -127,6 +127,19 @@ def spread_line(shares, shape, column, values, first, last, strip, line):
         add_products(shares, (i & among) * size, columns, values[v], strip, line + (i >> shift), width, rows)
 
 
+@inlined
+def factor_of(total, views):
+    """What a voxel is multiplied by when the corrections of so many views sum to ``total``: 1 + total where they add
+    light, and where they take it (1 + total / views)^views, which the product of 1 + each never exceeds; >= 0."""
+    if total >= F(0):
+        return F(1) + total
+    each = max(F(1) + total / F(views), F(0))
+    factor = each
+    for _ in range(views - 1):
+        factor *= each
+    return factor
+
+
 @kernel
 def sum_line(shares, shape, column, first, last, strip, line, multiply, out):
     """Sum around a row's listed voxels."""
@@ -135,7 +148,7 @@ def sum_line(shares, shape, column, first, last, strip, line, multiply, out):
     for v in range(first, last):
         i = points * np.int64(column[v])
         total = row_products(shares, (i & among) * size, columns, strip, line + (i >> shift), width, rows)
-        out[v] = out[v] * max(F(1) + total, F(0)) if multiply else total
+        out[v] = out[v] * factor_of(total, multiply) if multiply else total
 
 
 @kernel
@@ -165,8 +178,8 @@ def size_of(shape):
 
 
 @kernel
-def forward_plane(geo, plane, shape, border, shares, view, row_start, column, values, strip, light):
-    """Add to ``light`` (count,) what the pixels of a view collect of a plane's listed voxels.
+def forward_plane(geo, plane, shape, border, shares, views, row_start, column, values, strip, light):
+    """Add to ``light`` (count,) what the pixels of some views collect of a plane's listed voxels.
 
     The map is made strip by strip from above: rows of voxels are spread while they fit in, pixels read from the rows
     that no other voxel reaches, and what is left rolled to the strip's beginning."""
@@ -183,7 +196,8 @@ def forward_plane(geo, plane, shape, border, shares, view, row_start, column, va
             spread_line(own, shape, column, values, row_start[n], row_start[n + 1], strip, line)
         j = stop
         finished = first_line(shape, j) if j < ny else bottom
-        read(geo, plane, size, border, view, top, top, finished - 1, strip, light)
+        for n in range(views.start.size - 1):
+            read(geo, plane, size, border, views, n, top, top, finished - 1, strip, light)
         if bottom == height:
             return
         roll(strip, width, finished - 1 - top, lines)
@@ -191,7 +205,7 @@ def forward_plane(geo, plane, shape, border, shares, view, row_start, column, va
 
 
 @kernel
-def gather_plane(geo, plane, shape, border, shares, view, row_start, column, image, multiply, strip, out):
+def gather_plane(geo, plane, shape, border, shares, views, row_start, column, image, multiply, strip, out):
     """What ``gather`` does for a plane: its map is made strip by strip from above, and rows of voxels are summed once
     all pixels around them are in."""
     size, ny = size_of(shape), row_start.size - 1
@@ -201,7 +215,8 @@ def gather_plane(geo, plane, shape, border, shares, view, row_start, column, ima
     top = written = j = 0
     while True:
         bottom = min(top + lines, height)
-        write(geo, plane, size, border, view, top, written, bottom - 1, image, strip)
+        for n in range(views.start.size - 1):
+            write(geo, plane, size, border, views, n, top, written, bottom - 1, image, strip)
         written = bottom - 1
         stop = rows_before(shape, written, ny)
         for n in range(j, stop):
@@ -232,8 +247,8 @@ def listed(row_start, ny, k):
 
 
 @parallel_kernel
-def forward(geo, planes, shape, border, shares, start, size, view, ny, row_start, column, values, partial):
-    """Light of the listed voxels in the pixels of a view. Each row of ``partial`` (images, count) takes that of some of
+def forward(geo, planes, shape, border, shares, start, size, views, ny, row_start, column, values, partial):
+    """Light of the listed voxels in the pixels of views. Each row of ``partial`` (images, count) takes that of some of
     the planes. ``size``: points in a strip."""
     nz, images = shape.shape[0], partial.shape[0]
     for c in prange(images):
@@ -243,13 +258,13 @@ def forward(geo, planes, shape, border, shares, start, size, view, ny, row_start
             rows, any_light = listed(row_start, ny, k)
             if any_light:
                 own, plane = shares[start[k] :], plane_of(planes, k)
-                forward_plane(geo, plane, shape[k], border[k], own, view, rows, column, values, strip, partial[c])
+                forward_plane(geo, plane, shape[k], border[k], own, views, rows, column, values, strip, partial[c])
 
 
 @parallel_kernel
-def gather(geo, planes, shape, border, shares, start, size, view, ny, row_start, column, image, multiply, chunks, out):
-    """For each listed voxel the sum of ``image`` (count,) over the pixels of a view, each by the share of a wholly lit
-    pixel that the voxel gives it, into ``out``; with ``multiply``, ``out`` times (1 + it), kept >= 0."""
+def gather(geo, planes, shape, border, shares, start, size, views, ny, row_start, column, image, multiply, chunks, out):
+    """For each listed voxel the sum of ``image`` (count,) over the pixels of views, each by the share of a wholly lit
+    pixel that the voxel gives it, into ``out``; with ``multiply``, their number, ``out`` times ``factor_of`` it."""
     nz = shape.shape[0]
     for c in prange(chunks):
         strip = strip_of(shape, size)
@@ -257,4 +272,4 @@ def gather(geo, planes, shape, border, shares, start, size, view, ny, row_start,
             rows, any_voxel = listed(row_start, ny, k)
             if any_voxel:
                 own, plane = shares[start[k] :], plane_of(planes, k)
-                gather_plane(geo, plane, shape[k], border[k], own, view, rows, column, image, multiply, strip, out)
+                gather_plane(geo, plane, shape[k], border[k], own, views, rows, column, image, multiply, strip, out)

@@ -1,4 +1,4 @@
-"""The pixels of one view as the kernels of ``strips`` take them.
+"""The pixels of one or several views as the kernels of ``strips`` take them.
 
 A pixel that the aperture's rim cuts counts as a whole one whose light is its lit share, about the middle of its lit
 part.
@@ -19,13 +19,15 @@ F = np.float32
 GAUSS = F(0.28867513)  # of a pixel: the two points at which its lit length is taken
 
 
-class View(NamedTuple):
-    """The pixels of a view, sorted by the rows of voxels that they meet, as ``look`` leaves them. ``first``: A of the
-    first plane; ``middle``: q along y of the view's nominal portion."""
+class Views(NamedTuple):
+    """The pixels of views (8, count), one view after the other, each sorted by the rows of voxels that they meet, as
+    ``look`` leaves them. ``start`` (views + 1,): where those of each begin; ``first``: A of the first plane; ``middle``
+    (views,): q along y of each view's nominal portion."""
 
     pixels: NDArray[np.float32]
+    start: NDArray[np.int64]
     first: np.float32
-    middle: np.float32
+    middle: NDArray[np.float32]
 
 
 @inlined
@@ -49,12 +51,12 @@ def lit_part(radius, spread, qx, qy):
 
 
 @parallel_kernel
-def look(geo, lenses, m, n, rim, lens_mm, phase, first, last, pixels):
-    """The pixels of a view that are equations, ``lenses`` (count,), as ``pixels`` (8, count): s, t; q along x and y
+def look(geo, lenses, m, n, rim, lens_mm, phase, first, last, begin, end, pixels):
+    """The pixels of a view that are equations, ``lenses``, as ``pixels`` (8, begin : end): s, t; q along x and y
     and lit share in the plane of A = ``first``; their change per unit of A, which is all but linear up to ``last``."""
     per_unit = F(1) / (last - first) if last != first else F(0)
-    for c in prange(lenses.size):
-        lens = lenses[c]
+    for c in prange(begin, end):
+        lens = lenses[c - begin]
         qx, qy = m - phase[lens, 0], phase[lens, 1] - n
         pixels[0, c], pixels[1, c] = lens_mm[lens, 0], lens_mm[lens, 1]
         pixels[2, c], pixels[3, c], pixels[4, c] = qx, qy, F(1)

@@ -45,8 +45,8 @@ voxel_mm = {voxel}
 {unseen}
 [reconstruction]
 method = "drt-mart"            # "mart", "drt-mart", ...
-iterations = 5
-relaxation = 0.3
+iterations = 6
+relaxation = 0.25
 
 [correlation]
 windows = {windows}   # voxels along x, y, z, coarse to fine

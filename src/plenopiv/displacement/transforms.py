@@ -1,0 +1,235 @@
+"""Fourier transforms of windows, two real windows as one complex, sixteen lines at a time.
+
+Lines along z and y lie side by side along x as they are; those along x are transposed on their way. A window is
+
+    space      (2, nz, ny', nx'): real and imaginary part; ' rounded up to whole vectors
+    spectrum   (2, nz, nx, ny'): x before y, as the last transposition leaves it
+
+and stays in the second-level cache from one to the other. Lines are transformed by Stockham's method.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.displacement.butterflies import LANES, butterfly, transpose
+from plenopiv.kernels import kernel
+
+RADICES = (4, 5, 3, 7, 2)
+POINT = 2 * LANES  # floats of a complex point in working memory
+
+_butterfly_2, _butterfly_3, _butterfly_4, _butterfly_5, _butterfly_7 = (butterfly(r) for r in (2, 3, 4, 5, 7))
+
+
+class Lines(NamedTuple):
+    """How lines of so many ``points`` are transformed: the radix of each stage, and the factors of all stages."""
+
+    points: int
+    radices: NDArray[np.int64]
+    twiddles: NDArray[np.float32]
+
+
+def rounded_up(n: int) -> int:
+    """The least multiple of LANES that is not less than ``n``."""
+    return -(-n // LANES) * LANES
+
+
+def fast_length(n: int) -> int:
+    """The least number of points, ``n`` or more, that has no factor but the RADICES."""
+    while True:
+        left = n
+        for radix in RADICES:
+            while left % radix == 0:
+                left //= radix
+        if left == 1:
+            return n
+        n += 1
+
+
+def lines(count: int) -> Lines:
+    """The plan of transforms of ``count`` points, a product of RADICES."""
+    radices, twiddles, left = [], [np.zeros(0)], count
+    for radix in RADICES:
+        while left % radix == 0:
+            left //= radix
+            radices.append(radix)
+    left = count
+    for radix in radices:
+        angle = -2 * np.pi / left * np.outer(np.arange(left // radix), np.arange(1, radix))
+        twiddles.append(np.stack([np.cos(angle), np.sin(angle)], -1).ravel())
+        left //= radix
+    return Lines(count, np.array(radices, np.int64), np.concatenate(twiddles).astype(np.float32))
+
+
+@kernel(nogil=True)
+def _stage_2(source, at, step, apart, target, to, to_step, to_apart, m, stride, twiddles, first):
+    for p in range(m):
+        for q in range(stride):
+            begin, end = at + step * (q + stride * p), to + to_step * (q + stride * 2 * p)
+            gap = step * stride * m
+            _butterfly_2(source, begin, gap, apart, target, end, to_step * stride, to_apart, twiddles, first + 2 * p)
+
+
+@kernel(nogil=True)
+def _stage_3(source, at, step, apart, target, to, to_step, to_apart, m, stride, twiddles, first):
+    for p in range(m):
+        for q in range(stride):
+            begin, end = at + step * (q + stride * p), to + to_step * (q + stride * 3 * p)
+            gap = step * stride * m
+            _butterfly_3(source, begin, gap, apart, target, end, to_step * stride, to_apart, twiddles, first + 4 * p)
+
+
+@kernel(nogil=True)
+def _stage_4(source, at, step, apart, target, to, to_step, to_apart, m, stride, twiddles, first):
+    for p in range(m):
+        for q in range(stride):
+            begin, end = at + step * (q + stride * p), to + to_step * (q + stride * 4 * p)
+            gap = step * stride * m
+            _butterfly_4(source, begin, gap, apart, target, end, to_step * stride, to_apart, twiddles, first + 6 * p)
+
+
+@kernel(nogil=True)
+def _stage_5(source, at, step, apart, target, to, to_step, to_apart, m, stride, twiddles, first):
+    for p in range(m):
+        for q in range(stride):
+            begin, end = at + step * (q + stride * p), to + to_step * (q + stride * 5 * p)
+            gap = step * stride * m
+            _butterfly_5(source, begin, gap, apart, target, end, to_step * stride, to_apart, twiddles, first + 8 * p)
+
+
+@kernel(nogil=True)
+def _stage_7(source, at, step, apart, target, to, to_step, to_apart, m, stride, twiddles, first):
+    for p in range(m):
+        for q in range(stride):
+            begin, end = at + step * (q + stride * p), to + to_step * (q + stride * 7 * p)
+            gap = step * stride * m
+            _butterfly_7(source, begin, gap, apart, target, end, to_step * stride, to_apart, twiddles, first + 12 * p)
+
+
+@kernel(nogil=True)
+def transform(plan, source, at, step, apart, target, to, to_step, to_apart, work):
+    """Transform LANES lines: points ``step`` floats apart from ``at`` on in ``source``, imaginary parts ``apart``
+    floats after real ones, to ``target`` likewise. ``work`` holds two lines of POINTs. With real and imaginary parts
+    exchanged on both sides (``apart`` negative) it is the inverse, but for 1 / points."""
+    stages, room, stride, left, first = plan.radices.size, plan.points * POINT, 1, plan.points, 0
+    for stage in range(stages):
+        radix = plan.radices[stage]
+        m = left // radix
+        x, x_at, x_step, x_apart = work, (stage & 1) * room, POINT, LANES
+        y, y_at, y_step, y_apart = work, (1 - (stage & 1)) * room, POINT, LANES
+        if stage == 0:
+            x, x_at, x_step, x_apart = source, at, step, apart
+        if stage == stages - 1:
+            y, y_at, y_step, y_apart = target, to, to_step, to_apart
+        if radix == 4:
+            _stage_4(x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, m, stride, plan.twiddles, first)
+        elif radix == 2:
+            _stage_2(x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, m, stride, plan.twiddles, first)
+        elif radix == 3:
+            _stage_3(x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, m, stride, plan.twiddles, first)
+        elif radix == 5:
+            _stage_5(x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, m, stride, plan.twiddles, first)
+        else:
+            _stage_7(x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, m, stride, plan.twiddles, first)
+        first += 2 * (radix - 1) * m
+        stride *= radix
+        left = m
+
+
+@kernel(nogil=True)
+def forward(plans, wide, high, space, rows, spectrum, work):
+    """The spectrum of a window, flat as ``space`` is, which is overwritten. ``wide``, ``high``: nx', ny'. ``rows`` (two
+    planes) and ``work`` are room to work in."""
+    along_z, along_y, along_x = plans
+    nz, nx, plane = along_z.points, along_x.points, high * wide
+    whole, flat = nz * plane, nz * nx * high
+    for y in range(along_y.points):
+        for x in range(0, wide, LANES):
+            at = y * wide + x
+            transform(along_z, space, at, plane, whole, space, at, plane, whole, work)
+    columns = work[2 * POINT * nx :]
+    for z in range(nz):
+        for x in range(0, wide, LANES):
+            transform(along_y, space, z * plane + x, wide, whole, rows, x, wide, plane, work)
+        for y in range(0, high, LANES):
+            for x in range(0, wide, LANES):
+                transpose(rows, y * wide + x, wide, columns, x * POINT, POINT)
+                transpose(rows, plane + y * wide + x, wide, columns, x * POINT + LANES, POINT)
+            transform(along_x, columns, 0, POINT, LANES, spectrum, z * nx * high + y, high, flat, work)
+
+
+@kernel(nogil=True)
+def inverse_plane(plans, wide, spectrum, at, apart, high, begin, rows, work):
+    """Of one plane of a spectrum from ``at`` on the inverse along x, as rows (2, ny', ``wide``): their first column is
+    x = ``begin`` (which wraps around), times nx."""
+    _, along_y, along_x = plans
+    nx, plane = along_x.points, high * wide
+    lines = 2 * POINT * nx
+    columns = work[lines:]
+    for y in range(0, along_y.points, LANES):
+        transform(along_x, spectrum, at + apart + y, high, -apart, columns, LANES, POINT, -LANES, work)
+        turned = begin % nx
+        for x in range(0, wide, LANES):
+            for lane in range(LANES):
+                from_, to = turned * POINT, lane * POINT
+                for i in range(POINT):
+                    work[to + i] = columns[from_ + i]
+                turned = turned + 1 if turned + 1 < nx else 0
+            transpose(work, 0, POINT, rows, y * wide + x, wide)
+            transpose(work, LANES, POINT, rows, plane + y * wide + x, wide)
+
+
+@kernel(nogil=True)
+def inverse(plans, wide, high, spectrum, rows, space, work):
+    """The window of a spectrum, times nx ny nz."""
+    along_z, along_y, along_x = plans
+    nz, nx, plane = along_z.points, along_x.points, high * wide
+    whole, flat = nz * plane, nz * nx * high
+    for z in range(nz):
+        inverse_plane(plans, wide, spectrum, z * nx * high, flat, high, 0, rows, work)
+        for x in range(0, wide, LANES):
+            to = z * plane + x
+            transform(along_y, rows, plane + x, wide, -plane, space, whole + to, wide, -whole, work)
+    for y in range(along_y.points):
+        for x in range(0, wide, LANES):
+            at = whole + y * wide + x
+            transform(along_z, space, at, plane, -whole, space, at, plane, -whole, work)
+
+
+@kernel(nogil=True)
+def inverse_near_zero(plans, high, half, radius, turns, rows, near, out, work):
+    """Real values at places -r - 1 <= d <= r + 1 (``radius``: r along z, y, x) of the spectrum of a real window, times
+    nx ny nz.
+
+    ``half``: that spectrum's planes kz = 0 to nz // 2, the others being their conjugates. ``turns`` (2 rz + 3, kz, 2):
+    cos and -sin of 2 pi kz dz / nz, times 2 for the planes that stand for two. ``near``: room for (2, kz, 2 ry + 3,
+    wide), wide = 2 rx + 3 rounded up. ``out``: (2 rz + 3, 2 ry + 3, 2 rx + 3)."""
+    along_z, along_y, along_x = plans
+    _, ry, rx = radius
+    depth, height, width = out.shape
+    ny, nx, wide = along_y.points, along_x.points, (width + LANES - 1) // LANES * LANES
+    planes, plane, flat = along_z.points // 2 + 1, high * wide, height * wide
+    part = planes * flat
+    for kz in range(planes):
+        inverse_plane(plans, wide, half, kz * nx * high, planes * nx * high, high, -rx - 1, rows, work)
+        for x in range(0, wide, LANES):
+            columns = work[2 * POINT * ny :]
+            transform(along_y, rows, plane + x, wide, -plane, columns, LANES, POINT, -LANES, work)
+            for dy in range(height):
+                y, to = (dy - ry - 1) % ny, kz * flat + dy * wide + x
+                for i in range(LANES):
+                    near[to + i] = columns[y * POINT + i]
+                    near[part + to + i] = columns[y * POINT + LANES + i]
+    for dz in range(depth):
+        rows[:flat] = np.float32(0)
+        for kz in range(planes):
+            real, imag = near[kz * flat : (kz + 1) * flat], near[part + kz * flat : part + (kz + 1) * flat]
+            c, s = turns[dz, kz, 0], turns[dz, kz, 1]
+            for i in range(flat):
+                rows[i] += c * real[i] + s * imag[i]
+        for dy in range(height):
+            for dx in range(width):
+                out[dz, dy, dx] = rows[dy * wide + dx]
