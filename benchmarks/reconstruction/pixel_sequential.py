@@ -21,8 +21,10 @@ from plenopiv.volume import SparseVolume
 APART = 3  # a voxel lights no two microlenses of a view that are so many apart along a row, or across rows
 
 
-def shares(projector: Projector, volume: SparseVolume) -> list[sparse.csc_array]:
-    """For every view the matrix (listed voxel, lens) of the share of its pixel that each voxel lights.
+def shares(
+    projector: Projector, volume: SparseVolume, views: NDArray[np.int64] | None = None
+) -> list[sparse.csc_array]:
+    """For every view, or each of ``views``, the matrix (voxel, lens) of the share of its pixel that a voxel lights.
 
     Lenses are probed one of every APART x APART at a time: the pixel that answers is told by how much, once it is lit
     by 1 and once by its number.
@@ -31,7 +33,7 @@ def shares(projector: Projector, volume: SparseVolume) -> list[sparse.csc_array]
     number = np.arange(where.lenses, dtype=np.float32)
     colour = APART * ((number // where.ni) % APART) + (number % where.ni) % APART
     matrices = []
-    for view in range(projector.views):
+    for view in range(projector.views) if views is None else views:
         voxels, lenses, weights = [], [], []
         for c in range(APART**2):
             one = (colour == c).astype(np.float32)

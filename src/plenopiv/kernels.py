@@ -19,6 +19,7 @@ FAST = {"reassoc", "nsz", "arcp", "contract", "afn"}  # without nnan and ninf: k
 FLAGS = {
     "fastmath": FAST,
     "cache": True,
+    "no_cfunc_wrapper": True,
     "error_model": "numpy",
 }  # an error model without exceptions lets loops vectorise
 

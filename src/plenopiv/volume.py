@@ -56,6 +56,13 @@ class Volume(Protocol):
     def grid(self) -> VoxelGrid:
         """Where its voxels are."""
 
+    @property
+    def values(self) -> NDArray[np.float32]:
+        """Intensity of the voxels that it holds."""
+
+    def with_values(self, values: NDArray[np.float32]) -> Volume:
+        """The same voxels with other intensities."""
+
     def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
         """Planes lo <= k < hi as a dense float32 array (hi - lo, ny, nx); zero outside the volume."""
 
@@ -66,6 +73,10 @@ class DenseVolume:
 
     grid: VoxelGrid
     values: NDArray[np.float32]
+
+    def with_values(self, values: NDArray[np.float32]) -> DenseVolume:
+        """The same voxels with other intensities."""
+        return DenseVolume(self.grid, values)
 
     def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
         """See ``Volume.slab``."""

@@ -18,7 +18,7 @@ def unpacked(flat, count):
     return real + 1j * imag
 
 
-@pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 7, 8, 9, 12, 14, 15, 16, 25, 28, 49, 60, 64, 105, 128])
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 8, 9, 12, 15, 16, 25, 27, 60, 64, 75, 128])
 def test_lines_are_transformed(count):
     """Every radix, alone and with others; and back, with real and imaginary parts exchanged."""
     rng = np.random.default_rng(count)
@@ -32,7 +32,7 @@ def test_lines_are_transformed(count):
 
 
 def test_fast_lengths_have_small_factors():
-    assert [fast_length(n) for n in (1, 11, 13, 16, 31, 61, 121)] == [1, 12, 14, 16, 32, 63, 125]
+    assert [fast_length(n) for n in (1, 7, 11, 14, 16, 31, 61, 121)] == [1, 8, 12, 15, 16, 32, 64, 125]
     assert [rounded_up(n) for n in (1, 16, 17)] == [16, 16, 32]
 
 
@@ -48,7 +48,7 @@ def test_a_square_is_transposed():
     np.testing.assert_array_equal(target.reshape(16, 16), source.reshape(16, 20)[:, :16].T)
 
 
-@pytest.mark.parametrize("size", [(4, 5, 6), (16, 18, 20), (3, 32, 7), (8, 16, 48)])
+@pytest.mark.parametrize("size", [(4, 5, 6), (16, 18, 20), (3, 32, 9), (8, 16, 48)])
 def test_windows_are_transformed_and_back(size):
     rng = np.random.default_rng(1)
     pair = rng.standard_normal((2, *size))

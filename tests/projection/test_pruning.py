@@ -32,10 +32,11 @@ def inner_layout(kind):
 
 
 def random_bound(where, seed):
-    """A tenth of the pixels bright enough for anything, the rest allow 0 to all of what a pixel can get."""
+    """One in ten pixels of the views that are asked allows 0 to all of what a pixel can get, the rest anything."""
     rng = np.random.default_rng(seed)
     bound = rng.uniform(0, 0.03 * PARTICLE, where.seen.shape)
-    return np.where(rng.random(bound.shape) < 0.95, np.inf, bound).astype(np.float32)
+    asked = np.isin(np.arange(where.views), Projector(where, grid_at(STARTS[0])).judging_views)
+    return np.where((rng.random(bound.shape) < 0.9) | ~asked[:, None], np.inf, bound).astype(np.float32)
 
 
 def voxels(grid):

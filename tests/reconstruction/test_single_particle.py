@@ -36,7 +36,7 @@ def image_of(kind, place, electrons=ELECTRONS):
 
 def reconstructed(kind, image, across=ACROSS, **settings):
     where = LAYOUTS[kind]
-    settings = ReconstructionSettings(**{"method": "drt-mart", **settings})
+    settings = ReconstructionSettings(**{"method": "drt-mart", "iterations": 5, "relaxation": 0.3, **settings})
     projector = Projector(where, GRID, settings.weights, across)
     return reconstruct(decode(image, where), projector, settings)
 

@@ -23,7 +23,7 @@ from plenopiv.displacement.uncertainty import ScatterCorrelator, standard_deviat
 from plenopiv.displacement.validation import find_outliers, replace
 from plenopiv.displacement.windows import WindowGrid, window_grid
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
-from plenopiv.volume import Volume, VoxelGrid
+from plenopiv.volume import Volume
 
 _BATCH_VOXELS = 1 << 18  # windows of a batch and their spectra stay in a core's cache
 
@@ -75,7 +75,7 @@ def correlation_pass(
     batch = max(1, _BATCH_VOXELS // int(np.prod(size)))
     exponent, power = settings.intensity_exponent, settings.agreement
     if exponent != 1.0:
-        a, b = CompressedVolume(a.grid, a, exponent), CompressedVolume(b.grid, b, exponent)
+        a, b = compressed(a, exponent), compressed(b, exponent)
     cuts = None if predictor is None else window_cuts(windows, predictor, a.grid.shape).reshape(nz, ny * nx, 3, 2)
     sources = (a, b) if predictor is None else (DeformedPlanes(a, predictor, -0.5), DeformedPlanes(b, predictor, 0.5))
     layers = zip(_layers(sources[0], windows), _layers(sources[1], windows), strict=True)
@@ -134,18 +134,10 @@ def window_cuts(windows: WindowGrid, predictor: SplineField, shape: tuple[int, i
     return out
 
 
-@dataclass
-class CompressedVolume:
-    """A volume whose intensities are raised to a power as they are read; negative ones count as none."""
-
-    grid: VoxelGrid
-    volume: Volume
-    exponent: float
-
-    def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
-        """Planes lo <= k < hi, compressed."""
-        planes = np.maximum(self.volume.slab(lo, hi), np.float32(0.0))
-        return np.sqrt(planes) if self.exponent == 0.5 else planes ** np.float32(self.exponent)
+def compressed(volume: Volume, exponent: float) -> Volume:
+    """The volume with its intensities raised to a power; negative ones count as none."""
+    values = np.maximum(volume.values, np.float32(0.0))
+    return volume.with_values(np.sqrt(values) if exponent == 0.5 else values ** np.float32(exponent))
 
 
 def _layers(source: Volume | DeformedPlanes, windows: WindowGrid) -> Iterator[NDArray[np.float32]]:

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.butterflies import LANES, butterfly, transpose
-from plenopiv.kernels import kernel
+from plenopiv.kernels import inlined, kernel
 
-RADICES = (4, 5, 3, 7, 2)
+RADICES = (4, 5, 3, 2)
 POINT = 2 * LANES  # floats of a complex point in working memory
 
-_butterfly_2, _butterfly_3, _butterfly_4, _butterfly_5, _butterfly_7 = (butterfly(r) for r in (2, 3, 4, 5, 7))
+_butterfly_2, _butterfly_3, _butterfly_4, _butterfly_5 = (butterfly(r) for r in (2, 3, 4, 5))
 
 
 class Lines(NamedTuple):
@@ -101,15 +101,6 @@ def _stage_5(source, at, step, apart, target, to, to_step, to_apart, m, stride, 
 
 
 @kernel(nogil=True)
-def _stage_7(source, at, step, apart, target, to, to_step, to_apart, m, stride, twiddles, first):
-    for p in range(m):
-        for q in range(stride):
-            begin, end = at + step * (q + stride * p), to + to_step * (q + stride * 7 * p)
-            gap = step * stride * m
-            _butterfly_7(source, begin, gap, apart, target, end, to_step * stride, to_apart, twiddles, first + 12 * p)
-
-
-@kernel(nogil=True)
 def transform(plan, source, at, step, apart, target, to, to_step, to_apart, work):
     """Transform LANES lines: points ``step`` floats apart from ``at`` on in ``source``, imaginary parts ``apart``
     floats after real ones, to ``target`` likewise. ``work`` holds two lines of POINTs. With real and imaginary parts
@@ -130,16 +121,14 @@ def transform(plan, source, at, step, apart, target, to, to_step, to_apart, work
             _stage_2(x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, m, stride, plan.twiddles, first)
         elif radix == 3:
             _stage_3(x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, m, stride, plan.twiddles, first)
-        elif radix == 5:
-            _stage_5(x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, m, stride, plan.twiddles, first)
         else:
-            _stage_7(x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, m, stride, plan.twiddles, first)
+            _stage_5(x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, m, stride, plan.twiddles, first)
         first += 2 * (radix - 1) * m
         stride *= radix
         left = m
 
 
-@kernel(nogil=True)
+@inlined
 def forward(plans, wide, high, space, rows, spectrum, work):
     """The spectrum of a window, flat as ``space`` is, which is overwritten. ``wide``, ``high``: nx', ny'. ``rows`` (two
     planes) and ``work`` are room to work in."""
@@ -161,7 +150,7 @@ def forward(plans, wide, high, space, rows, spectrum, work):
             transform(along_x, columns, 0, POINT, LANES, spectrum, z * nx * high + y, high, flat, work)
 
 
-@kernel(nogil=True)
+@inlined
 def inverse_plane(plans, wide, spectrum, at, apart, high, begin, rows, work):
     """Of one plane of a spectrum from ``at`` on the inverse along x, as rows (2, ny', ``wide``): their first column is
     x = ``begin`` (which wraps around), times nx."""
@@ -182,7 +171,7 @@ def inverse_plane(plans, wide, spectrum, at, apart, high, begin, rows, work):
             transpose(work, LANES, POINT, rows, plane + y * wide + x, wide)
 
 
-@kernel(nogil=True)
+@inlined
 def inverse(plans, wide, high, spectrum, rows, space, work):
     """The window of a spectrum, times nx ny nz."""
     along_z, along_y, along_x = plans
@@ -199,7 +188,7 @@ def inverse(plans, wide, high, spectrum, rows, space, work):
             transform(along_z, space, at, plane, -whole, space, at, plane, -whole, work)
 
 
-@kernel(nogil=True)
+@inlined
 def inverse_near_zero(plans, high, half, radius, turns, rows, near, out, work):
     """Real values at places -r - 1 <= d <= r + 1 (``radius``: r along z, y, x) of the spectrum of a real window, times
     nx ny nz.

@@ -27,7 +27,7 @@ class ReconstructionSettings:
     """
 
     method: Method = "drt-mart"
-    iterations: int = 6
+    iterations: int = 5
     relaxation: float = 0.25
     weights: Weights = "exact"
     candidates: Candidates = "bound"

@@ -101,7 +101,7 @@ def run(
         needed = estimate(camera, projector.grid, every_voxel=experiment.reconstruction.method == "mart")
         for k in range(2):  # before long work begins; later frames when their turn comes
             recording.frame(k)
-        log.info("memory: about %.1f GB", needed.peak / 1e9)
+        log.info("memory: about %.2g GB", needed.peak / 1e9)
 
         def reconstructed(k: int) -> tuple[NDArray[np.uint16], Reconstruction]:
             name = recording.frame_paths[k].name

@@ -45,7 +45,7 @@ voxel_mm = {voxel}
 {unseen}
 [reconstruction]
 method = "drt-mart"            # "mart", "drt-mart", ...
-iterations = 6
+iterations = 5
 relaxation = 0.25
 
 [correlation]

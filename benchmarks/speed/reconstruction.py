@@ -1,0 +1,80 @@
+"""MART without candidates at Fahringer's size, and against DRT-MART on the paper's small camera:  reconstruction.py
+
+Each measurement runs in a process of its own, which first does the same on a small volume, so that nothing is compiled
+in the time that counts. Writes reconstruction.json beside this file and prints two tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import resource
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+from scene import DEPTH_MM, FAHRINGER, LATERAL_MM, Scene, small_camera
+
+from plenopiv.reconstruction import chain
+from plenopiv.reconstruction.chain import reconstruct
+from plenopiv.reconstruction.settings import ReconstructionSettings
+
+ROUNDS = 5
+DENSITIES = (1.0, 2.0, 3.0, 4.0)  # particles per microlens
+WARM_UP = Scene((40, 40, 40), (LATERAL_MM, LATERAL_MM, DEPTH_MM))
+
+
+def measured(scene: Scene, method: str, thin: float) -> dict[str, float]:
+    """Seconds, and GB that the process took beyond what it had before, for one frame from its light field."""
+    settings = ReconstructionSettings(method=method, iterations=ROUNDS)  # type: ignore[arg-type]
+    chain.THIN = thin
+    reconstruct(WARM_UP.lightfield, WARM_UP.projector, settings)
+    lightfield, projector = scene.lightfield, scene.projector
+    begin = time.perf_counter()
+    found = reconstruct(lightfield, projector, settings)
+    seconds = time.perf_counter() - begin
+    return {
+        "seconds": seconds,
+        "gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
+        "start": found.candidates,
+        "kept": found.volume.occupancy,
+        "residual": found.residuals[-1],
+    }
+
+
+def alone(*arguments) -> dict[str, float]:
+    """``measured`` in a process of its own."""
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(measured, *arguments).result()
+
+
+def main() -> None:
+    """Measure, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--densities", type=float, nargs="*", default=DENSITIES)
+    asked = parser.parse_args()
+    rows = []
+    fahringer = alone(FAHRINGER, "mart", chain.THIN)
+    print(f"300 x 200 x 200 voxels, {ROUNDS} rounds: {fahringer['seconds']:.1f} s, {fahringer['gb']:.2f} GB")
+    print(
+        "\n| per microlens | thinning | MART, s | DRT-MART, s | ratio | MART, M voxels x rounds / s | left by DRT, % |"
+    )
+    print("|---|---|---:|---:|---:|---:|---:|")
+    for ppm in asked.densities:
+        for thin in (chain.THIN, 0.0):
+            both = {m: alone(small_camera(ppm), m, thin) for m in ("mart", "drt-mart")}
+            mart, drt = both["mart"], both["drt-mart"]
+            rate = 385 * 385 * 57 * mart["start"] * ROUNDS / mart["seconds"] / 1e6
+            rows.append({"ppm": ppm, "thin": thin, "rate": rate} | both)
+            print(
+                f"| {ppm:g} | {'yes' if thin else 'no'} | {mart['seconds']:.1f} | {drt['seconds']:.1f} "
+                f"| {mart['seconds'] / drt['seconds']:.1f} | {rate:.2f} | {100 * drt['start']:.1f} |",
+                flush=True,
+            )
+    out = Path(__file__).with_suffix(".json")
+    out.write_text(json.dumps({"rounds": ROUNDS, "fahringer": fahringer, "densities": rows}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
