@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full lint figures lock clean
+.PHONY: help demo test test-full lint bench bench-full figures lock clean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' Makefile
@@ -24,6 +24,20 @@ lint: $(VENV)/.ready-dev  ## style, types and import order alone
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
+
+bench: $(VENV)/.ready  ## measure speed against limits and peers, a quarter of an hour, and write docs/speed.md
+	$(BIN)/python benchmarks/speed/start_and_threads.py
+	$(BIN)/python benchmarks/speed/limits.py
+	$(BIN)/python benchmarks/speed/reconstruction.py
+	$(BIN)/python benchmarks/correlation/run.py
+	$(BIN)/python benchmarks/speed/page.py
+
+bench-full: bench  ## and all conditions of docs/accuracy.md, the paper's full size too: an hour
+	$(BIN)/python benchmarks/accuracy/run_conditions.py
+	$(BIN)/python benchmarks/accuracy/run_conditions.py full
+	$(BIN)/python benchmarks/accuracy/table.py
+	$(BIN)/python benchmarks/speed/memory.py build/accuracy/scores.jsonl
+	$(BIN)/python benchmarks/speed/page.py
 
 figures: $(VENV)/.ready  ## draw the pictures of the README from the demo
 	$(BIN)/python docs/make_figures.py

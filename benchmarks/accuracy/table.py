@@ -16,7 +16,7 @@ from conditions import CONDITIONS
 BEGIN, END = "<!-- scores: begin -->", "<!-- scores: end -->"
 HEADER = (
     "| condition | what | vectors | particles a window | RMS x / y / z | RMS z by third of depth | gross, raw % "
-    "| replaced % | candidates % | s | GB |"
+    "| replaced % | candidates % | within 1 / 2 std, x y z, % | s | GB |"
 )
 
 
@@ -30,7 +30,7 @@ def row(line: dict[str, Any]) -> str:
     name = line["name"]
     cells = [f"`{name}`", CONDITIONS[name].varies]
     if "error" in line:
-        return f"| {' | '.join(cells)} | failed: {line['error']} |" + " |" * 8
+        return f"| {' | '.join(cells)} | failed: {line['error']} |" + " |" * 9
     score, frame = line["score"], next(iter(line["summary"]["reconstruction"].values()))
     final, raw = score["final"], score["raw"]
     bands = final["by_depth"]
@@ -42,6 +42,7 @@ def row(line: dict[str, Any]) -> str:
         f"{100 * raw['gross']:.1f}",
         f"{100 * score['replaced']:.1f}",
         f"{100 * frame['candidate_share']:.1f}",
+        " / ".join(" ".join(f"{100 * v:.0f}" for v in score[f"inside_{k}_std"]) for k in (1, 2)),
         f"{line['wall_s']:.0f}",
         f"{line['peak_bytes'] / 1e9:.1f}",
     ]

@@ -132,3 +132,21 @@ def test_progress_counts_views():
     )
     total = 2 * projector.views
     assert seen == [(k + 1, total) for k in range(total)]
+
+
+def test_the_same_in_the_memory_of_the_start():
+    """The start is as it was, unless it may be overwritten; what comes out is the same to the bit."""
+    projector, start = projector_of("square"), particles(0.2)
+    values, before = views_of(projector, start), start.values.copy()
+    settings = {"iterations": 3, "relaxation": 0.25, "thin": 0.5}
+    apart, residuals = mart(values, projector, start, **settings)
+    np.testing.assert_array_equal(start.values, before)
+    inside, again = mart(values, projector, start, overwrite=True, **settings)
+    for one, other in (
+        (apart.row_start, inside.row_start),
+        (apart.column, inside.column),
+        (apart.values, inside.values),
+    ):
+        np.testing.assert_array_equal(one, other)
+    assert residuals == again
+    assert 0 < apart.column.size < before.size

@@ -93,6 +93,7 @@ def reconstruct(
         floor=floor,
         thin=THIN,
         seed=settings.seed,
+        overwrite=True,
         progress=progress,
     )
     return Reconstruction(volume, threshold, particle, noise, alive / projector.grid.size, tuple(residuals))

@@ -41,6 +41,7 @@ def mart(
     floor: float = 1.0,
     thin: float = 0.0,
     seed: int = 0,
+    overwrite: bool = False,
     progress: Progress | None = None,
 ) -> tuple[SparseVolume, list[float]]:
     """The volume, among the voxels of ``volume``, whose views are ``values`` (view, lens), in counts.
@@ -50,13 +51,14 @@ def mart(
     ``relaxation`` allows, TOGETHER at most. The first round, which has to find where light is, takes twice that
     exponent. Every few views voxels that hold no more than ``thin`` of the mean are left out: less of it during the
     first round, in proportion to the views that have spoken, and none in the last of several, which shares out their
-    light. Returns the volume and the RMS residual, in counts, that each round met.
+    light. ``overwrite``: work in the memory of ``volume``, which is of no use afterwards. Returns the volume and the
+    RMS residual, in counts, that each round met.
     """
     seen, together = projector.layout.seen, max(1, min(TOGETHER, int(1 / relaxation + 1e-6)))
     measured = np.maximum(values, 0.0) + np.float32(floor)
     rng = np.random.default_rng(seed)
     residuals = []
-    working = volume.with_values(volume.values.copy())
+    working = volume if overwrite else keeping(volume, np.ones(volume.values.size, bool))
     for done in range(iterations):
         squares, power = 0.0, min(relaxation * (2 if done == 0 else 1), 1.0)
         order, spoken = rng.permutation(projector.views), 0
@@ -69,7 +71,8 @@ def mart(
             before, spoken = spoken, spoken + views.size
             if spoken // THIN_EVERY > before // THIN_EVERY and done < max(iterations - 1, 1):
                 share = thin * min(done + spoken / order.size, 1.0)
-                working = keeping(working, working.values > share * float(working.values.mean(dtype=np.float64)))
+                least = share * float(working.values.mean(dtype=np.float64))
+                working = keeping(working, working.values > least, overwrite=True)
             if progress:
                 progress(done * order.size + spoken, iterations * order.size)
         residuals.append((squares / max(int(seen.sum()), 1)) ** 0.5)

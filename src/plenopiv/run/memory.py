@@ -50,4 +50,4 @@ def estimate(camera: PlenopticCamera, grid: VoxelGrid, *, every_voxel: bool = Fa
     layout = lenses * views * 5  # share (float32) and seen (bool)
     frame = lenses * views * 9  # values, their floor-lifted copy and masks
     listed = (1.0 if every_voxel else LISTED) * grid.size
-    return MemoryEstimate(4.0 * pixels, layout + frame, 17.0 * listed)  # twice while voxels are left out, once before
+    return MemoryEstimate(4.0 * pixels, layout + frame, 8.0 * listed)  # as they are listed

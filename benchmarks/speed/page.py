@@ -1,0 +1,126 @@
+"""Write what was measured into docs/speed.md:  page.py
+
+Reads the .json files beside this one, and results.json of benchmarks/correlation. Only what stands between the two
+marks is replaced.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+PAGE = HERE.parents[1] / "docs" / "speed.md"
+BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
+
+
+def machine() -> str:
+    """What it was measured on."""
+    model = platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        names = [
+            line.split(":")[1].strip() for line in cpuinfo.read_text().splitlines() if line.startswith("model name")
+        ]
+        model = names[0] if names else model
+    packages = ", ".join(f"{name} {version(name)}" for name in ("numba", "numpy", "scipy"))
+    return f"{model}, {os.cpu_count()} cores, Python {platform.python_version()}, {packages}."
+
+
+def table(header: str, rows: list[list[str]]) -> str:
+    """A Markdown table whose columns after the first are figures."""
+    columns = header.count("|") + 1
+    return "\n".join([f"| {header} |", "|---|" + "---:|" * (columns - 1), *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def reconstruction(found: dict[str, Any]) -> str:
+    """Fahringer's size, and MART over DRT-MART."""
+    whole, rows = found["fahringer"], []
+    for r in found["densities"]:
+        mart, drt = r["mart"], r["drt-mart"]
+        rows.append(
+            [
+                f"{r['ppm']:g} per microlens, {'thinned' if r['thin'] else 'not thinned'}",
+                f"{mart['seconds']:.1f}",
+                f"{drt['seconds']:.1f}",
+                f"{mart['seconds'] / drt['seconds']:.1f}",
+                f"{r['rate']:.2f}",
+                f"{100 * drt['start']:.1f}",
+            ]
+        )
+    return (
+        f"300 x 200 x 200 voxels, all of them candidates, {found['rounds']} rounds, 1 particle per microlens: "
+        f"{whole['seconds']:.1f} s and {whole['gb']:.2f} GB.\n\n385 x 385 x 57 voxels, {found['rounds']} rounds:\n\n"
+        + table(
+            "recording | MART, s | DRT-MART, s | ratio | MART, million voxels and rounds a second | left by DRT, %",
+            rows,
+        )
+    )
+
+
+def limits(found: dict[str, Any]) -> str:
+    """Kernels against stored indices and bare transforms."""
+    rows = []
+    for r in found["projections"]:
+        cells = [f"{100 * r['listed']:g} % of the voxels", f"{r['pairs a voxel and view']:.1f}"]
+        for ours, limit in (("forward", "scatter limit"), ("back", "gather limit")):
+            cells += [f"{1e3 * r[ours] / 4:.1f}", f"{1e3 * r[limit] / 4:.1f}", f"{100 * r[limit] / r[ours]:.0f} %"]
+        rows.append(cells)
+    drt, c = found["ray tracing"], found["correlation"]
+    header = (
+        "listed | pairs a voxel and view | forward, ms a view | limit | share of it | back, ms | limit | share of it"
+    )
+    return (
+        table(header, rows)
+        + f"\n\nDense ray tracing of all {drt['pairs']:.1e} pairs: {drt['drt']:.2f} s, a gather of as many pixels "
+        f"{drt['gather limit']:.2f} s. A correlation pass with deformation, {c['windows']} windows: {c['pass']:.2f} s, "
+        f"their bare transforms by `scipy.fft` {c['bare FFTs']:.2f} s, {c['pass'] / c['bare FFTs']:.2f} times."
+    )
+
+
+def start_and_threads(found: dict[str, Any]) -> str:
+    """Cold start and repeats."""
+    first, later = found["first"], found["later"]
+    runs = [run for of_threads in later.values() for run in of_threads]
+    return (
+        f"The first `plenopiv demo` takes {first[0]:.0f} s, {first[1]:.0f} of them compilation; later ones "
+        f"{min(run[0] for run in later['2']):.0f} s, at most {max(run[1] for run in runs):.1f} of them compilation. "
+        f"{len(later['1'])} runs on one thread and {len(later['2'])} on two "
+        f"{'are identical, bit for bit' if found['identical'] else 'DIFFER'}."
+    )
+
+
+def memory(found: dict[str, Any]) -> str:
+    """Announced and taken."""
+    rows = [[n, f"{v / 1e6:.1f}", f"{a:.2f}", f"{t:.2f}", f"{a / t:.2f}"] for n, (v, a, t) in found.items()]
+    return table("run | voxels, millions | announced, GB | taken, GB | ratio", rows)
+
+
+PARTS = {
+    "Reconstruction": ("reconstruction", reconstruction),
+    "Kernels and their limits": ("limits", limits),
+    "Start and threads": ("start_and_threads", start_and_threads),
+    "Memory announced and taken": ("memory", memory),
+}
+
+
+def main() -> None:
+    """Read, write."""
+    parts = [machine()]
+    for title, (name, write) in PARTS.items():
+        file = HERE / f"{name}.json"
+        if file.exists():
+            parts.append(f"## {title}\n\n{write(json.loads(file.read_text()))}")
+    before, mark, rest = PAGE.read_text().partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not (mark and end):
+        raise SystemExit(f"{PAGE} has no {BEGIN} ... {END}")
+    PAGE.write_text(f"{before}{BEGIN}\n" + "\n\n".join(parts) + f"\n{END}{after}")
+
+
+if __name__ == "__main__":
+    main()
