@@ -65,39 +65,21 @@ def lines(count: int) -> Lines:
 
 
 @kernel(nogil=True)
-def _stage_2(source, at, step, apart, target, to, to_step, to_apart, m, stride, twiddles, first):
+def stage(radix, m, stride, source, at, step, apart, target, to, to_step, to_apart, twiddles, first):
+    """One stage of Stockham's method: ``m`` times ``stride`` butterflies."""
+    gap, to_gap = step * stride * m, to_step * stride
     for p in range(m):
+        own = first + 2 * (radix - 1) * p
         for q in range(stride):
-            begin, end = at + step * (q + stride * p), to + to_step * (q + stride * 2 * p)
-            gap = step * stride * m
-            _butterfly_2(source, begin, gap, apart, target, end, to_step * stride, to_apart, twiddles, first + 2 * p)
-
-
-@kernel(nogil=True)
-def _stage_3(source, at, step, apart, target, to, to_step, to_apart, m, stride, twiddles, first):
-    for p in range(m):
-        for q in range(stride):
-            begin, end = at + step * (q + stride * p), to + to_step * (q + stride * 3 * p)
-            gap = step * stride * m
-            _butterfly_3(source, begin, gap, apart, target, end, to_step * stride, to_apart, twiddles, first + 4 * p)
-
-
-@kernel(nogil=True)
-def _stage_4(source, at, step, apart, target, to, to_step, to_apart, m, stride, twiddles, first):
-    for p in range(m):
-        for q in range(stride):
-            begin, end = at + step * (q + stride * p), to + to_step * (q + stride * 4 * p)
-            gap = step * stride * m
-            _butterfly_4(source, begin, gap, apart, target, end, to_step * stride, to_apart, twiddles, first + 6 * p)
-
-
-@kernel(nogil=True)
-def _stage_5(source, at, step, apart, target, to, to_step, to_apart, m, stride, twiddles, first):
-    for p in range(m):
-        for q in range(stride):
-            begin, end = at + step * (q + stride * p), to + to_step * (q + stride * 5 * p)
-            gap = step * stride * m
-            _butterfly_5(source, begin, gap, apart, target, end, to_step * stride, to_apart, twiddles, first + 8 * p)
+            begin, end = at + step * (q + stride * p), to + to_step * (q + stride * radix * p)
+            if radix == 4:
+                _butterfly_4(source, begin, gap, apart, target, end, to_gap, to_apart, twiddles, own)
+            elif radix == 2:
+                _butterfly_2(source, begin, gap, apart, target, end, to_gap, to_apart, twiddles, own)
+            elif radix == 3:
+                _butterfly_3(source, begin, gap, apart, target, end, to_gap, to_apart, twiddles, own)
+            else:
+                _butterfly_5(source, begin, gap, apart, target, end, to_gap, to_apart, twiddles, own)
 
 
 @kernel(nogil=True)
@@ -106,23 +88,16 @@ def transform(plan, source, at, step, apart, target, to, to_step, to_apart, work
     floats after real ones, to ``target`` likewise. ``work`` holds two lines of POINTs. With real and imaginary parts
     exchanged on both sides (``apart`` negative) it is the inverse, but for 1 / points."""
     stages, room, stride, left, first = plan.radices.size, plan.points * POINT, 1, plan.points, 0
-    for stage in range(stages):
-        radix = plan.radices[stage]
+    for number in range(stages):
+        radix = plan.radices[number]
         m = left // radix
-        x, x_at, x_step, x_apart = work, (stage & 1) * room, POINT, LANES
-        y, y_at, y_step, y_apart = work, (1 - (stage & 1)) * room, POINT, LANES
-        if stage == 0:
+        x, x_at, x_step, x_apart = work, (number & 1) * room, POINT, LANES
+        y, y_at, y_step, y_apart = work, (1 - (number & 1)) * room, POINT, LANES
+        if number == 0:
             x, x_at, x_step, x_apart = source, at, step, apart
-        if stage == stages - 1:
+        if number == stages - 1:
             y, y_at, y_step, y_apart = target, to, to_step, to_apart
-        if radix == 4:
-            _stage_4(x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, m, stride, plan.twiddles, first)
-        elif radix == 2:
-            _stage_2(x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, m, stride, plan.twiddles, first)
-        elif radix == 3:
-            _stage_3(x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, m, stride, plan.twiddles, first)
-        else:
-            _stage_5(x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, m, stride, plan.twiddles, first)
+        stage(radix, m, stride, x, x_at, x_step, x_apart, y, y_at, y_step, y_apart, plan.twiddles, first)
         first += 2 * (radix - 1) * m
         stride *= radix
         left = m

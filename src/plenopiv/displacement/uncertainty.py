@@ -24,10 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from plenopiv.displacement.correlation import Spectra, WindowCorrelator, as_correlated, fade
+from plenopiv.displacement.correlation import Spectra, WindowCorrelator, fade
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.predictor import smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.spectra import as_correlated
 from plenopiv.displacement.windows import WindowGrid
 from plenopiv.kernels import kernel
 
