@@ -105,23 +105,9 @@ def rim_base(geo, plane, u, v, outward, along_x, x, y):
 
 
 @inlined
-def strip_share(geo, plane, qx, qy, k, x, y):
-    """The same for strip k of a pixel at q that the aperture's rim may cut: STRIPS rectangles that run towards the rim.
-
-    A strip runs from the pixel's inner side to where the rim cuts the strip's middle.
-    """
-    along_x = abs(qx) > abs(qy)
-    u, v = abs(qx) if along_x else abs(qy), qy if along_x else qx
-    outward = F(1) if (qx if along_x else qy) > F(0) else F(-1)
-    base = rim_base(geo, plane, u, v, outward, along_x, x, y)
-    dv = F(k) / F(STRIPS) + F(0.5 / STRIPS - 0.5)
-    area = strip_area(geo, plane, x, y, u, v, base, outward, along_x, dv)
-    return area * (F(0.25) / (plane.half * plane.half))
-
-
-@inlined
 def rim_share(geo, plane, qx, qy, x, y):
-    """The sum of ``strip_share`` over the strips, what they share worked out once."""
+    """The same for a pixel at q that the aperture's rim may cut: STRIPS rectangles that run towards the rim, each from
+    the pixel's inner side to where the rim cuts its middle; what they share is worked out once."""
     along_x = abs(qx) > abs(qy)
     u, v = abs(qx) if along_x else abs(qy), qy if along_x else qx
     outward = F(1) if (qx if along_x else qy) > F(0) else F(-1)
