@@ -5,7 +5,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numba
@@ -16,11 +17,12 @@ from plenopiv.displacement.agreement import agreement
 from plenopiv.displacement.correlation import Windows
 from plenopiv.displacement.deformation import SPLINE_VARIANCE, DeformedPlanes
 from plenopiv.displacement.field import DisplacementField
+from plenopiv.displacement.offset import at_offset
 from plenopiv.displacement.peaks import find_peaks
 from plenopiv.displacement.predictor import SplineField, fit_spline, smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.uncertainty import ScatterCorrelator, standard_deviation
-from plenopiv.displacement.validation import find_outliers, replace
+from plenopiv.displacement.validation import find_outliers, replaced
 from plenopiv.displacement.windows import WindowGrid, window_grid
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.volume import Volume
@@ -56,8 +58,8 @@ def correlation_pass(
     """Correlate all windows of two volumes once.
 
     ``predictor``: displacement by which the volumes are deformed first; the result is its value at the window centres
-    plus what the correlation finds. None: volumes as they are. ``settings``: smoothing, taper, whitening and intensity
-    exponent. ``search``: largest displacement to find, as a share of the window. ``scatter``: whether to find the
+    plus what the correlation finds. None: volumes as they are. ``settings``: smoothing, taper, whitening and
+    agreement. ``search``: largest displacement to find, as a share of the window. ``scatter``: whether to find the
     variance as well, at about twice the cost. One layer of windows is in memory at a time; results do not depend on
     the number of threads (Numba's, ``NUMBA_NUM_THREADS``).
     """
@@ -73,9 +75,7 @@ def correlation_pass(
     spread = np.zeros_like(moved)
     corners = np.array(list(product(windows.starts[1].tolist(), windows.starts[2].tolist())))
     batch = max(1, _BATCH_VOXELS // int(np.prod(size)))
-    exponent, power = settings.intensity_exponent, settings.agreement
-    if exponent != 1.0:
-        a, b = compressed(a, exponent), compressed(b, exponent)
+    power = settings.agreement
     cuts = None if predictor is None else window_cuts(windows, predictor, a.grid.shape).reshape(nz, ny * nx, 3, 2)
     sources = (a, b) if predictor is None else (DeformedPlanes(a, predictor, -0.5), DeformedPlanes(b, predictor, 0.5))
     layers = zip(_layers(sources[0], windows), _layers(sources[1], windows), strict=True)
@@ -114,6 +114,22 @@ def correlation_pass(
     return PassResult(displacement, found.reshape(shape), ratio.reshape(shape), scattered if scatter else None)
 
 
+def first_pass(
+    a: Volume,
+    b: Volume,
+    windows: WindowGrid,
+    settings: CorrelationSettings,
+    step_done: Callable[[int, int], None] | None = None,
+    scatter: bool = False,
+) -> PassResult:
+    """Correlate all windows of two volumes as they are, validate, and find each vector again between windows offset by
+    its whole voxels. Arguments as for ``correlation_pass``."""
+    result = correlation_pass(a, b, windows, None, settings, settings.search, step_done, scatter)
+    valid, displacement = _validated(result, settings)
+    again, found = at_offset(a, b, windows, displacement)
+    return replace(result, displacement=again, found=valid | found)
+
+
 def window_cuts(windows: WindowGrid, predictor: SplineField, shape: tuple[int, int, int]) -> NDArray[np.float64]:
     """Voxels (nz, ny, nx, 3, 2) that windows lose at their low and high ends along z, y, x.
 
@@ -136,6 +152,8 @@ def window_cuts(windows: WindowGrid, predictor: SplineField, shape: tuple[int, i
 
 def compressed(volume: Volume, exponent: float) -> Volume:
     """The volume with its intensities raised to a power; negative ones count as none."""
+    if exponent == 1.0:
+        return volume
     values = np.maximum(volume.values, np.float32(0.0))
     return volume.with_values(np.sqrt(values) if exponent == 0.5 else values ** np.float32(exponent))
 
@@ -159,9 +177,9 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
     """Displacement field from volume ``a`` to volume ``b``, in voxels.
 
     Passes run from the coarsest windows to the finest (Scarano & Riethmuller 2000; in 3D Elsinga et al. 2006); vectors
-    are validated after each. ``progress``: called as (what, done, total). Warns when particles move more than a quarter
-    of the first window; raises ``PlenoPIVError`` when the volumes differ in grid, windows do not fit, or nothing is
-    found.
+    are validated after each, and those of the first found again with windows offset by their whole voxels.
+    ``progress``: called as (what, done, total). Warns when particles move more than a quarter of the first window;
+    raises ``PlenoPIVError`` when the volumes differ in grid, windows do not fit, or nothing is found.
     """
     if a.grid != b.grid:
         raise PlenoPIVError(
@@ -172,24 +190,17 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
     plan = [
         grid for grid in grids for _ in range(settings.fine_passes if grid is grids[-1] else settings.coarse_passes)
     ]
+    a, b = (compressed(volume, settings.intensity_exponent) for volume in (a, b))
     predictor: SplineField | None = None
     for number, windows in enumerate(plan, 1):
-        name = f"correlation pass {number} of {len(plan)}"
-        result = correlation_pass(
-            a,
-            b,
-            windows,
-            predictor,
-            settings,
-            settings.search if windows is not grids[-1] or predictor is None else settings.residual_search,
-            None if progress is None else lambda done, total, name=name: progress(name, done, total),  # type: ignore[misc]
-            scatter=number == len(plan),
-        )
-        outlier = find_outliers(
-            result.displacement, result.found, settings.outlier_threshold, settings.outlier_floor_voxels
-        )
-        valid = result.found & ~outlier
-        displacement = replace(result.displacement, valid)
+        report = None if progress is None else partial(progress, f"correlation pass {number} of {len(plan)}")
+        scatter = number == len(plan)
+        if predictor is None:
+            result = first_pass(a, b, windows, settings, report, scatter)
+        else:
+            search = settings.residual_search if windows is grids[-1] else settings.search
+            result = correlation_pass(a, b, windows, predictor, settings, search, report, scatter)
+        valid, displacement = _validated(result, settings)
         if number < len(plan):
             smooth = smooth_predictor(displacement, settings.overlap) if settings.filter_predictor else displacement
             predictor = fit_spline(smooth, windows.centres, shape)
@@ -198,6 +209,13 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
     std = standard_deviation(displacement, valid, result.variance, plan[-1], settings)
     z, y, x = plan[-1].centres
     return DisplacementField(z, y, x, displacement, result.displacement, valid, result.peak_ratio, std)
+
+
+def _validated(result: PassResult, settings: CorrelationSettings) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Which vectors are valid, and the displacement with the others replaced."""
+    threshold, floor = settings.outlier_threshold, settings.outlier_floor_voxels
+    valid = result.found & ~find_outliers(result.displacement, result.found, threshold, floor)
+    return valid, replaced(result.displacement, valid)
 
 
 def _warn_if_far(displacement: NDArray, valid: NDArray, settings: CorrelationSettings) -> None:

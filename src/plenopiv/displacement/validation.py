@@ -68,7 +68,7 @@ def find_outliers(
     return measured & ~believed
 
 
-def replace(displacement: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
+def replaced(displacement: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
     """``displacement`` (3, nz, ny, nx) with invalid vectors replaced by a local linear fit.
 
     Least squares over the 26 nearest valid vectors (distance in vectors), each weighted by its inverse square distance.

@@ -1,0 +1,143 @@
+"""Windows offset by whole voxels: a first displacement made better without deformation.
+
+Once a displacement is known to the voxel, both windows can be cut where the same particles are (discrete window offset,
+Westerweel, Dabiri & Gharib 1997, Exp. Fluids 23 20). Only the correlations there and one voxel further along each axis
+are then needed, and summed directly they cost a fraction of the transforms. Each is normalised by the light of the
+second window,
+
+    C(d) = sum_x (a(x) - <a>) b(x + d) / sqrt(sum_x (b(x + d) - <b>)^2),
+
+which by Cauchy and Schwarz is highest where b is a moved: the particles that the windows' ends cut, which pull a plain
+sum toward zero, do no harm.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from itertools import product
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.displacement.peaks import gaussian_offset
+from plenopiv.displacement.windows import WindowGrid
+from plenopiv.kernels import kernel
+from plenopiv.volume import Volume
+
+MOVES = 3  # steps of a voxel that the highest correlation may be away from where it was first looked for
+
+
+def at_offset(
+    a: Volume, b: Volume, windows: WindowGrid, first: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Displacements (3, nz, ny, nx) of the windows of ``a`` to those of ``b``, in voxels, found anew between windows
+    offset by the whole voxels of ``first``; and where (nz, ny, nx) one was found. Elsewhere, where a window would leave
+    the volume or none of those is a maximum, they stay as they are."""
+    nz, ny, nx = windows.shape
+    out = np.moveaxis(first, 0, -1).reshape(nz, ny * nx, 3).copy()
+    found = np.zeros((nz, ny * nx), bool)
+    corners = np.array(list(product(windows.starts[1].tolist(), windows.starts[2].tolist())))
+    depth, planes = windows.size[0], a.grid.shape[0]
+    pieces = np.array_split(np.arange(len(corners)), min(4 * numba.get_num_threads(), len(corners)))
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+        for layer, start in enumerate(windows.starts[0].tolist()):
+            reach = int(np.ceil(np.abs(out[layer, :, 2]).max() / 2)) + MOVES
+            lo, hi = max(start - reach, 0), min(start + depth + reach, planes)
+            both = a.slab(lo, hi), b.slab(lo, hi)
+
+            def work(part: NDArray, layer: int = layer, both=both, begin: int = start - lo) -> None:
+                places = np.column_stack([np.full(len(part), begin), corners[part]])
+                vectors, again = out[layer, part], found[layer, part]
+                refine(*both, places, np.array(windows.size), vectors, again)
+                out[layer, part], found[layer, part] = vectors, again
+
+            list(pool.map(work, pieces))
+    return np.moveaxis(out.reshape(nz, ny, nx, 3), -1, 0), found.reshape(nz, ny, nx)
+
+
+@kernel(nogil=True)
+def correlations(a, b, at, to, size, c):
+    """C of a window of volume ``a`` with the one of ``b`` at ``to``, and with those before and after it along z, y and
+    x: ``c`` (7,)."""
+    nz, ny, nx = size
+    products, light, squares = np.zeros(7), np.zeros(7), np.zeros(7)
+    light_a = 0.0
+    for k in range(-1, nz + 1):
+        for j in range(-1, ny + 1):
+            inside = 0 <= k < nz, 0 <= j < ny
+            if not (inside[0] or inside[1]):
+                continue
+            other = b[to[0] + k, to[1] + j, to[2] - 1 : to[2] + nx + 1]
+            s, q = np.float32(0), np.float32(0)
+            for i in range(nx):
+                s += other[i + 1]
+                q += other[i + 1] * other[i + 1]
+            if inside[0] and inside[1]:
+                row = a[at[0] + k, at[1] + j, at[2] : at[2] + nx]
+                left, middle, right, total = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
+                for i in range(nx):
+                    left += row[i] * other[i]
+                    middle += row[i] * other[i + 1]
+                    right += row[i] * other[i + 2]
+                    total += row[i]
+                light_a += float(total)
+                products[0] += middle
+                products[5] += left
+                products[6] += right
+                first, second, before, after = other[0], other[1], other[nx], other[nx + 1]
+                light[0] += s
+                light[5] += s + first - before
+                light[6] += s + after - second
+                squares[0] += q
+                squares[5] += q + first * first - before * before
+                squares[6] += q + after * after - second * second
+            for side in range(4):
+                # the row of the first window that this one is before or after, along z or y
+                z, y = k + (side == 0) - (side == 1), j + (side == 2) - (side == 3)
+                if 0 <= z < nz and 0 <= y < ny:
+                    row, product = a[at[0] + z, at[1] + y, at[2] : at[2] + nx], np.float32(0)
+                    for i in range(nx):
+                        product += row[i] * other[i + 1]
+                    products[side + 1] += product
+                    light[side + 1] += s
+                    squares[side + 1] += q
+    count = nz * ny * nx
+    mean = light_a / count
+    for n in range(7):
+        spread = squares[n] - light[n] * light[n] / count
+        c[n] = (products[n] - mean * light[n]) / np.sqrt(spread) if spread > 1e-6 * squares[n] else 0.0
+
+
+@kernel(nogil=True)
+def refine(a, b, corners, size, vectors, again):
+    """``vectors`` (count, 3), x y z, of windows whose first voxels are ``corners`` (count, 3), z y x; ``again``: which
+    were found."""
+    at, to, whole, c = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3, np.int64), np.empty(7)
+    for n in range(corners.shape[0]):
+        for axis in range(3):
+            whole[axis] = np.int64(np.rint(vectors[n, 2 - axis]))
+        for _ in range(MOVES + 1):
+            inside = True
+            for axis in range(3):
+                back, room = whole[axis] // 2, a.shape[axis]
+                one = corners[n, axis] - back
+                two = one + whole[axis]
+                # both move together to where they, and the second's neighbours, lie inside
+                low, high = min(one, two - 1), max(one, two + 1) + size[axis]
+                shift = max(0, -low) - max(0, high - room)
+                inside &= low + shift >= 0 and high + shift <= room and abs(shift) <= size[axis] // 8
+                at[axis], to[axis] = one + shift, two + shift
+            if not inside:
+                break
+            correlations(a, b, at, to, (size[0], size[1], size[2]), c)
+            best = 0
+            for k in range(1, 7):
+                best = k if c[k] > c[best] else best
+            if best == 0:
+                again[n] = c[0] > 0.0
+                for axis in range(3):
+                    off = gaussian_offset(c[2 * axis + 1], c[0], c[2 * axis + 2])
+                    vectors[n, 2 - axis] = whole[axis] + off if again[n] else vectors[n, 2 - axis]
+                break
+            whole[(best - 1) // 2] += 1 if best % 2 == 0 else -1
