@@ -64,7 +64,7 @@ class Volume(Protocol):
         """The same voxels with other intensities."""
 
     def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
-        """Planes lo <= k < hi as a dense float32 array (hi - lo, ny, nx); zero outside the volume."""
+        """Planes lo <= k < hi as a dense float32 array (hi - lo, ny, nx), to be read only; zero outside the volume."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,8 @@ class DenseVolume:
     def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
         """See ``Volume.slab``."""
         nz, ny, nx = self.grid.shape
+        if 0 <= lo and hi <= nz:
+            return self.values[lo:hi]
         out = np.zeros((hi - lo, ny, nx), np.float32)
         a, b = max(lo, 0), min(hi, nz)
         if a < b:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.windows import WindowGrid
-from plenopiv.kernels import kernel
+from plenopiv.kernels import inlined, kernel
 from plenopiv.volume import Volume
 
 MOVES = 3  # steps of a voxel that the highest correlation may be away from where it was first looked for
@@ -56,54 +56,79 @@ def at_offset(
     return np.moveaxis(out.reshape(nz, ny, nx, 3), -1, 0), found.reshape(nz, ny, nx)
 
 
+@inlined
+def product_of(one, two, begin, count):
+    """Sum of one[n] two[begin + n]."""
+    first, second, total = one[:count], two[begin : begin + count], np.float32(0)
+    for n in range(count):
+        total += first[n] * second[n]
+    return total
+
+
+@kernel(nogil=True)
+def copied(b, z, y, x, size, plane, light, squares, k):
+    """Copy plane k of the second window with a voxel more on each side into ``plane``; add the light of its rows, and
+    its square, to those of the seven windows that hold them."""
+    nz, ny, nx = size
+    for j in range(-1, ny + 1):
+        row, out = b[z, y + j, x - 1 : x + nx + 1], plane[(j + 1) * (nx + 2) : (j + 2) * (nx + 2)]
+        s, q = np.float32(0), np.float32(0)
+        for i in range(nx + 2):
+            out[i] = row[i]
+        for i in range(1, nx + 1):
+            s += row[i]
+            q += row[i] * row[i]
+        if 0 <= j < ny:
+            for n in range(3):
+                if 0 <= k + (n == 1) - (n == 2) < nz:
+                    light[n] += s
+                    squares[n] += q
+        if 0 <= k < nz:
+            for n in range(3, 5):
+                if 0 <= j + (n == 3) - (n == 4) < ny:
+                    light[n] += s
+                    squares[n] += q
+            if 0 <= j < ny:
+                first, second, before, after = row[0], row[1], row[nx], row[nx + 1]
+                light[5] += s + first - before
+                light[6] += s + after - second
+                squares[5] += q + first * first - before * before
+                squares[6] += q + after * after - second * second
+
+
 @kernel(nogil=True)
 def correlations(a, b, at, to, size, c):
     """C of a window of volume ``a`` with the one of ``b`` at ``to``, and with those before and after it along z, y and
-    x: ``c`` (7,)."""
+    x: ``c`` (7,). Planes are copied into rows that follow one another, so that a plane's products are one sum."""
     nz, ny, nx = size
+    wide = nx + 2
     products, light, squares = np.zeros(7), np.zeros(7), np.zeros(7)
-    light_a = 0.0
-    for k in range(-1, nz + 1):
-        for j in range(-1, ny + 1):
-            inside = 0 <= k < nz, 0 <= j < ny
-            if not (inside[0] or inside[1]):
-                continue
-            other = b[to[0] + k, to[1] + j, to[2] - 1 : to[2] + nx + 1]
-            s, q = np.float32(0), np.float32(0)
+    planes, own = np.zeros((3, (ny + 2) * wide), np.float32), np.zeros(ny * wide, np.float32)
+    total = 0.0
+    copied(b, to[0] - 1, to[1], to[2], size, planes[2], light, squares, -1)
+    copied(b, to[0], to[1], to[2], size, planes[0], light, squares, 0)
+    for k in range(nz):
+        copied(b, to[0] + k + 1, to[1], to[2], size, planes[(k + 1) % 3], light, squares, k + 1)
+        some = np.float32(0)
+        for j in range(ny):
+            row, out = a[at[0] + k, at[1] + j, at[2] : at[2] + nx], own[j * wide :]
             for i in range(nx):
-                s += other[i + 1]
-                q += other[i + 1] * other[i + 1]
-            if inside[0] and inside[1]:
-                row = a[at[0] + k, at[1] + j, at[2] : at[2] + nx]
-                left, middle, right, total = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
-                for i in range(nx):
-                    left += row[i] * other[i]
-                    middle += row[i] * other[i + 1]
-                    right += row[i] * other[i + 2]
-                    total += row[i]
-                light_a += float(total)
-                products[0] += middle
-                products[5] += left
-                products[6] += right
-                first, second, before, after = other[0], other[1], other[nx], other[nx + 1]
-                light[0] += s
-                light[5] += s + first - before
-                light[6] += s + after - second
-                squares[0] += q
-                squares[5] += q + first * first - before * before
-                squares[6] += q + after * after - second * second
-            for side in range(4):
-                # the row of the first window that this one is before or after, along z or y
-                z, y = k + (side == 0) - (side == 1), j + (side == 2) - (side == 3)
-                if 0 <= z < nz and 0 <= y < ny:
-                    row, product = a[at[0] + z, at[1] + y, at[2] : at[2] + nx], np.float32(0)
-                    for i in range(nx):
-                        product += row[i] * other[i + 1]
-                    products[side + 1] += product
-                    light[side + 1] += s
-                    squares[side + 1] += q
+                out[i] = row[i]
+                some += row[i]
+        if some == np.float32(0):
+            continue
+        total += float(some)
+        before, middle, after = planes[(k + 2) % 3], planes[k % 3], planes[(k + 1) % 3]
+        centre, count = wide + 1, ny * wide - 2
+        products[0] += product_of(own, middle, centre, count)
+        products[1] += product_of(own, before, centre, count)
+        products[2] += product_of(own, after, centre, count)
+        products[3] += product_of(own, middle, 1, count)
+        products[4] += product_of(own, middle, 2 * wide + 1, count)
+        products[5] += product_of(own, middle, wide, count)
+        products[6] += product_of(own, middle, wide + 2, count)
     count = nz * ny * nx
-    mean = light_a / count
+    mean = total / count
     for n in range(7):
         spread = squares[n] - light[n] * light[n] / count
         c[n] = (products[n] - mean * light[n]) / np.sqrt(spread) if spread > 1e-6 * squares[n] else 0.0
