@@ -81,7 +81,7 @@ class DenseVolume:
     def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
         """See ``Volume.slab``."""
         nz, ny, nx = self.grid.shape
-        if 0 <= lo and hi <= nz:
+        if lo >= 0 and hi <= nz:
             return self.values[lo:hi]
         out = np.zeros((hi - lo, ny, nx), np.float32)
         a, b = max(lo, 0), min(hi, nz)
