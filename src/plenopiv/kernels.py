@@ -19,6 +19,7 @@ FAST = {"reassoc", "nsz", "arcp", "contract", "afn"}  # without nnan and ninf: k
 FLAGS = {
     "fastmath": FAST,
     "cache": True,
+    "nogil": True,
     "no_cfunc_wrapper": True,
     "error_model": "numpy",
 }  # an error model without exceptions lets loops vectorise
@@ -38,7 +39,5 @@ if not os.environ.get("NUMBA_CACHE_DIR"):
     config.CACHE_DIR = str(base / "plenopiv" / _sources_hash())
 
 kernel = partial(numba.njit, **FLAGS)
-parallel_kernel = partial(numba.njit, parallel=True, **FLAGS)
-plain_kernel = partial(numba.njit, cache=True)
-plain_parallel_kernel = partial(numba.njit, cache=True, parallel=True)
+plain_kernel = partial(numba.njit, cache=True, nogil=True)
 inlined = partial(numba.njit, inline="always", **FLAGS)

@@ -10,11 +10,11 @@ from __future__ import annotations
 from math import ceil
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from plenopiv.displacement.predictor import SplineField
-from plenopiv.kernels import inlined, kernel, parallel_kernel
+from plenopiv.kernels import inlined, kernel
+from plenopiv.threads import in_threads
 from plenopiv.volume import Volume
 
 CHUNK = 256  # voxels of a row sampled at once
@@ -46,16 +46,19 @@ class DeformedPlanes:
         nz = self.volume.grid.shape[0]
         source_lo, source_hi = max(lo - reach, -2), min(hi + reach, nz + 2)
         source = self.volume.slab(source_lo, source_hi)
-        return _sample(source, source_lo, lo, along_x, *self._y, np.float32(self.share))
+        out = np.empty((hi - lo, *source.shape[1:]), np.float32)
+        about = source, source_lo, lo, along_x, *self._y, np.float32(self.share), out
+        in_threads(_sample, out.shape[0] * out.shape[1], *about, at_once=out.shape[1])
+        return out
 
 
-@parallel_kernel
+@kernel
 def _expand_x(planes, first, weights):
     """Coefficients (planes, 3, rows, columns) to values along x: (planes, 3, rows, nx)."""
     count, _, rows, _ = planes.shape
     nx = first.size
     out = np.empty((count, 3, rows, nx), np.float32)
-    for k in prange(count):
+    for k in range(count):
         for c in range(3):
             for r in range(rows):
                 for i in range(nx):
@@ -177,13 +180,10 @@ def _sample_row(source, lines_of_d, shares, y, z, out):
         _sample_chunk(source, x, y, z, d, count, whole, weights, lines, out[x:])
 
 
-@parallel_kernel
-def _sample(source, source_lo, lo, along_x, first_y, weights_y, share):
-    count = along_x.shape[0]
-    _, ny, nx = source.shape
-    out = np.empty((count, ny, nx), np.float32)
-    for row in prange(count * ny):
+@kernel
+def _sample(begin, end, source, source_lo, lo, along_x, first_y, weights_y, share, out):
+    ny = out.shape[1]
+    for row in range(begin, end):
         k, j = row // ny, row % ny
         lines_of_d = along_x[k, :, first_y[j] : first_y[j] + 4]
         _sample_row(source, lines_of_d, weights_y[j] * share, j, k + lo - source_lo, out[k, j])
-    return out

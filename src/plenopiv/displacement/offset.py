@@ -65,7 +65,7 @@ def product_of(one, two, begin, count):
     return total
 
 
-@kernel(nogil=True)
+@kernel
 def copied(b, z, y, x, size, plane, light, squares, k):
     """Copy plane k of the second window with a voxel more on each side into ``plane``; add the light of its rows, and
     its square, to those of the seven windows that hold them."""
@@ -96,7 +96,7 @@ def copied(b, z, y, x, size, plane, light, squares, k):
                 squares[6] += q + after * after - second * second
 
 
-@kernel(nogil=True)
+@kernel
 def correlations(a, b, at, to, size, c):
     """C of a window of volume ``a`` with the one of ``b`` at ``to``, and with those before and after it along z, y and
     x: ``c`` (7,). Planes are copied into rows that follow one another, so that a plane's products are one sum."""
@@ -134,7 +134,7 @@ def correlations(a, b, at, to, size, c):
         c[n] = (products[n] - mean * light[n]) / np.sqrt(spread) if spread > 1e-6 * squares[n] else 0.0
 
 
-@kernel(nogil=True)
+@kernel
 def refine(a, b, corners, size, vectors, again):
     """``vectors`` (count, 3), x y z, of windows whose first voxels are ``corners`` (count, 3), z y x; ``again``: which
     were found."""

@@ -13,7 +13,7 @@ FARTHEST = 1.0  # voxels of a top from the highest voxel along any axis: on a sl
 PEAK_RADIUS = 3  # voxels: a second peak this close on every axis is the flank of the first
 
 
-@kernel(nogil=True)
+@kernel
 def gaussian_offset(left, centre, right):
     """Where a Gaussian through three neighbours has its top, relative to the middle one (voxels).
 
@@ -28,7 +28,7 @@ def gaussian_offset(left, centre, right):
     return min(0.5, max(-0.5, 0.5 * (right - left) / curvature))
 
 
-@kernel(nogil=True)
+@kernel
 def curvature(left, centre, right):
     """Minus the second derivative at the middle one of three neighbours, as ``gaussian_offset`` sees it."""
     if left > 0.0 and centre > 0.0 and right > 0.0:
@@ -36,7 +36,7 @@ def curvature(left, centre, right):
     return 2.0 * centre - left - right
 
 
-@kernel(nogil=True)
+@kernel
 def twist(r, z, y, x, one, other):
     """Minus the mixed second derivative of log r at a voxel, from the four corners in the plane of two axes (0 = z);
     0 where one of them is not positive."""
@@ -54,7 +54,7 @@ def twist(r, z, y, x, one, other):
     return total
 
 
-@kernel(nogil=True)
+@kernel
 def untilted(r, z, y, x, matrix):
     """The matrix (3, 3), x y z, that takes the offsets of the three sections through a voxel to the offset of the top.
 
@@ -83,7 +83,7 @@ def untilted(r, z, y, x, matrix):
     matrix[2, 0], matrix[2, 1] = d * (xy * yz / (b * c) - xz / c), d * (xy * xz / (a * c) - yz / c)
 
 
-@kernel(nogil=True)
+@kernel
 def find_peaks(correlation, gain, displacement, peak_ratio, found, place, untilt):
     """Peaks of a batch of correlations: looked for as they are, placed after multiplication by ``gain``.
 
@@ -135,7 +135,7 @@ def find_peaks(correlation, gain, displacement, peak_ratio, found, place, untilt
             displacement[n, axis] = place[n, axis] + min(FARTHEST, max(-FARTHEST, off))
 
 
-@kernel(nogil=True)
+@kernel
 def _nearest_top(c, g, pz, py, px):
     """The maximum of c g uphill from a voxel, within the search radius: where the gain moves a top to a neighbour."""
     while True:

@@ -9,7 +9,7 @@ from plenopiv.displacement.transforms import POINT, forward, inverse, inverse_ne
 from plenopiv.kernels import kernel
 
 
-@kernel(nogil=True)
+@kernel
 def weigh(windows, n, z, y, x, trust, space, to, plane, wide):
     """(window - mean) w of window n into ``space`` from ``to`` on, in planes of ``plane`` and rows of ``wide`` floats;
     whether it holds more than one value."""
@@ -46,7 +46,7 @@ def weigh(windows, n, z, y, x, trust, space, to, plane, wide):
     return others > 0
 
 
-@kernel(nogil=True)
+@kernel
 def transform_windows(a, b, z, y, x, trust, plans, wide, high, pairs, lit):
     """Spectra of a + i b, ``Windows`` weighted by ``z``, ``y``, ``x`` (batch or 1, n) and ``trust``."""
     plane = high * wide
@@ -63,7 +63,7 @@ def transform_windows(a, b, z, y, x, trust, plans, wide, high, pairs, lit):
         forward(plans, wide, high, space, rows, pairs[n], work)
 
 
-@kernel(nogil=True)
+@kernel
 def cross_spectrum(pair, plans, high, half, strength):
     """S = conj(A) B of the transform of a + i b for the planes kz = 0 to nz // 2, and |S|, of which the mean over the
     whole spectrum is returned. A is the even part of the transform, i B the odd one:
@@ -93,7 +93,7 @@ def cross_spectrum(pair, plans, high, half, strength):
     return np.float32(total / (nz * ny * nx))
 
 
-@kernel(nogil=True)
+@kernel
 def whiten(strength, mean, filters, whitening, ny, high):
     """|S|^-whitening times the filter, in place of |S|."""
     of_z, of_y, of_x = filters
@@ -113,7 +113,7 @@ def whiten(strength, mean, filters, whitening, ny, high):
                 row[ky] = f * of_y[ky] * (row[ky] + floor) ** -whitening
 
 
-@kernel(nogil=True)
+@kernel
 def correlate(pairs, plans, high, filters, whitening, radius, turns, out):
     """R near zero displacement of each pair of windows of a batch."""
     along_z, along_y, along_x = plans
@@ -133,7 +133,7 @@ def correlate(pairs, plans, high, filters, whitening, radius, turns, out):
         inverse_near_zero(plans, high, half, radius, turns, rows, near, out[n], work)
 
 
-@kernel(nogil=True)
+@kernel
 def as_correlated(pairs, plans, wide, high, filters, whitening, out):
     """The windows a and b that the correlation multiplies, (batch, 2, nz ny' nx'): each takes the square root of the
     factor that whitening and smoothing put on the cross spectrum."""

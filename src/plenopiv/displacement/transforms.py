@@ -64,7 +64,7 @@ def lines(count: int) -> Lines:
     return Lines(count, np.array(radices, np.int64), np.concatenate(twiddles).astype(np.float32))
 
 
-@kernel(nogil=True)
+@kernel
 def stage(radix, m, stride, source, at, step, apart, target, to, to_step, to_apart, twiddles, first):
     """One stage of Stockham's method: ``m`` times ``stride`` butterflies."""
     gap, to_gap = step * stride * m, to_step * stride
@@ -82,7 +82,7 @@ def stage(radix, m, stride, source, at, step, apart, target, to, to_step, to_apa
                 _butterfly_5(source, begin, gap, apart, target, end, to_gap, to_apart, twiddles, own)
 
 
-@kernel(nogil=True)
+@kernel
 def transform(plan, source, at, step, apart, target, to, to_step, to_apart, work):
     """Transform LANES lines: points ``step`` floats apart from ``at`` on in ``source``, imaginary parts ``apart``
     floats after real ones, to ``target`` likewise. ``work`` holds two lines of POINTs. With real and imaginary parts

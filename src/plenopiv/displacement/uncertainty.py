@@ -71,7 +71,7 @@ class ScatterCorrelator(WindowCorrelator):
         return out
 
 
-@kernel(nogil=True)
+@kernel
 def wrapped(window, shift, out):
     """``window``, moved by -``shift`` (x, y, z) around its ends, with its first plane, row and column once more."""
     nz, ny, nx = out.shape[0] - 1, out.shape[1] - 1, out.shape[2] - 1
@@ -79,12 +79,12 @@ def wrapped(window, shift, out):
     for k in range(nz + 1):
         for j in range(ny + 1):
             row = window[(k + shift[2]) % nz, (j + shift[1]) % ny]
-            out[k, j, : nx - begin] = row[begin:nx]
-            out[k, j, nx - begin : nx] = row[:begin]
-            out[k, j, nx] = row[begin]
+            for i in range(nx + 1):
+                at = begin + i
+                out[k, j, i] = row[at - nx if at >= nx else at]
 
 
-@kernel(nogil=True)
+@kernel
 def block_sums(pairs, size, place, blocks, out):
     """Contribution of each block of a window to the peak and its six neighbours.
 
@@ -116,14 +116,14 @@ def block_sums(pairs, size, place, blocks, out):
                     sums[:] = np.float32(0)
 
 
-@kernel(nogil=True)
+@kernel
 def add_products(a, b, out):
     """Add the products of ``a`` and ``b``, as far as ``out`` goes."""
     for i in range(out.size):
         out[i] += a[i] * b[i]
 
 
-@kernel(nogil=True)
+@kernel
 def jackknife_variance(sums, untilt, variance):
     """Delete-one variance of the Gaussian peak fit: (n - 1)/n sum_i (d_i - mean d)^2 over the n blocks left out.
 

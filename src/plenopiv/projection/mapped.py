@@ -9,6 +9,7 @@ from plenopiv.lightfield import Layout
 from plenopiv.projection import geometry, strips
 from plenopiv.projection.maps import maps, widest
 from plenopiv.projection.views import Views, look
+from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 RUNS = 16  # of planes, shared out among threads; forward, as many partial images are summed in order
@@ -43,7 +44,7 @@ class MappedViews:
         """The volume's light in each of ``views``, (views, lens); 0 where the pixel is no equation."""
         lenses, pixels = self.look(views)
         partial = np.empty((RUNS, lenses.size), np.float32)
-        strips.forward(*self._kernel_arguments(volume, pixels), volume.values, partial)
+        in_threads(strips.forward, RUNS, *self._kernel_arguments(volume, pixels), volume.values, partial)
         images = np.zeros((len(views), self.layout.lenses), np.float32)
         images[_of_view(pixels), lenses] = partial.sum(0)
         return images
@@ -89,7 +90,7 @@ class MappedViews:
     def _gather(self, views: NDArray[np.int64], images, volume: SparseVolume, multiply: int, out) -> None:
         lenses, pixels = self.look(views)
         corrections = images[_of_view(pixels), lenses].astype(np.float32)
-        strips.gather(*self._kernel_arguments(volume, pixels), corrections, multiply, RUNS, out)
+        in_threads(strips.gather, RUNS, *self._kernel_arguments(volume, pixels), corrections, multiply, RUNS, out)
 
 
 def _of_view(pixels: Views) -> NDArray[np.int64]:

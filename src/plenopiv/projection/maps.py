@@ -16,12 +16,12 @@ from math import ceil, floor, log2
 from typing import NamedTuple
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
-from plenopiv.kernels import kernel, parallel_kernel
+from plenopiv.kernels import kernel
 from plenopiv.projection.pixels import EXACT, box_of, patch_area, plane_of
 from plenopiv.projection.simd import LANES
+from plenopiv.threads import in_threads
 
 ACROSS = 7.0  # points of a map across a footprint, at least; with 4, depth is worse by a quarter
 RAMP = 2  # such points on the ramp at a footprint's edge, at least, where they are more than a voxel apart
@@ -63,7 +63,7 @@ def maps(geo, table: NDArray[np.float32], grid_shape: tuple[int, int, int], acro
         start[k] = total
         total += rows * columns * 4**shift
     shares = np.zeros(total, np.float32)
-    tabulate(geo, table, shape, start, border, shares)
+    in_threads(tabulate, len(table), geo, table, shape, start, border, shares)
     for at, (_, _, rows, columns, _, shift) in zip(start, shape, strict=True):
         of_plane = shares[at : at + rows * columns * 4**shift].reshape(-1, rows, columns)
         of_plane[:] = sharpened(of_plane)
@@ -102,11 +102,11 @@ def footprint_box(geo, table, reach):
         reach[k, 2] = F(2) * min(plane.half, F(0.5)) / max(abs(plane.cell_x), abs(plane.cell_y))
 
 
-@parallel_kernel
-def tabulate(geo, table, shape, start, border, shares):
-    """Fill ``shares``: of each plane those of a voxel for the points around it, the voxel on a point or, where voxels
-    share one, beyond it by their fractions of the step."""
-    for k in prange(table.shape[0]):
+@kernel
+def tabulate(begin, end, geo, table, shape, start, border, shares):
+    """Fill ``shares``: of planes ``begin`` to ``end`` those of a voxel for the points around it, the voxel on a point
+    or, where voxels share one, beyond it by their fractions of the step."""
+    for k in range(begin, end):
         plane, at = plane_of(table, k), start[k]
         rows, columns, points, voxels = shape[k, 2], shape[k, 3], shape[k, 4], 1 << shape[k, 5]
         right, down = border[k, 0] - 2, border[k, 1] - 2

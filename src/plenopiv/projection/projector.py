@@ -13,6 +13,7 @@ from plenopiv.lightfield import Layout
 from plenopiv.projection import geometry, pixels, pruning, sparse
 from plenopiv.projection.mapped import MappedViews
 from plenopiv.projection.maps import ACROSS
+from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 RULES = {"1-ray": pixels.ONE_RAY, "9-rays": pixels.NINE_RAYS, "exact": pixels.EXACT, "polygons": pixels.EXACT}
@@ -126,7 +127,7 @@ class Projector:
         """Of a voxel's share of a pixel, by plane: its sum and its squares' sum over all voxels of an endless plane,
         and the largest, (nz, 3)."""
         out = np.empty((self.grid.shape[0], 3))
-        pruning.sharpness_of_planes(self._rows, self._planes, out)
+        in_threads(pruning.sharpness_of_planes, len(out), self._rows, self._planes, out)
         cells = self._planes[:, [geometry.Plane._fields.index(c) for c in ("cell_x", "cell_y")]]
         out[:, :2] /= np.abs(cells[:, :1] * cells[:, 1:])
         return out
@@ -162,7 +163,8 @@ class Projector:
                 for plane in alive:
                     plane[:, :nx] = next(seen)
                 table, most, half_step = self._planes[slab], largest[slab], blur[slab].astype(np.float32)
-                pruning.prune(self._rows, table, most, self.rule, self._rim, *parameters, half_step, alive)
+                about = self._rows, table, most, self.rule, self._rim, *parameters, half_step, alive
+                in_threads(pruning.prune, len(alive), *about)
                 yield from alive[:, :, :nx] > 0
 
         return SparseVolume.from_planes(self.grid, planes())
@@ -183,7 +185,9 @@ class Projector:
 
     def _walk(self, view: int, volume: SparseVolume, chunks: int, image, partial, out, scatter: bool) -> None:
         m, n = self.layout.offsets[view].astype(np.float32)
-        sparse.walk(
+        in_threads(
+            sparse.walk,
+            chunks,
             self._rows,
             self._box,
             self.layout.clock,

@@ -7,9 +7,8 @@ such pixels cost time, and no two threads own the same plane.
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from plenopiv.kernels import inlined, kernel, parallel_kernel
+from plenopiv.kernels import inlined, kernel
 from plenopiv.projection.pixels import (
     EXACT,
     ONE_RAY,
@@ -89,10 +88,10 @@ def sharpness(geo, plane):
     return total * area, squares * area, most
 
 
-@parallel_kernel
-def sharpness_of_planes(geo, table, out):
-    """``sharpness`` of every plane of ``table`` into ``out`` (nz, 3)."""
-    for k in prange(table.shape[0]):
+@kernel
+def sharpness_of_planes(begin, end, geo, table, out):
+    """``sharpness`` of planes ``begin`` to ``end`` of ``table`` into ``out`` (nz, 3)."""
+    for k in range(begin, end):
         out[k, 0], out[k, 1], out[k, 2] = sharpness(geo, plane_of(table, k))
 
 
@@ -105,18 +104,20 @@ def any_alive(row):
     return found > 0
 
 
-@parallel_kernel
-def prune(geo, table, largest, rule, rim, offsets, order, lens_mm, phase, fill, bound, particle, blur, alive):
+@kernel
+def prune(
+    begin, end, geo, table, largest, rule, rim, offsets, order, lens_mm, phase, fill, bound, particle, blur, alive
+):  # fmt: skip
     """Rule out voxels that would light a pixel more than ``bound`` (view, lens) allows, in counts.
 
-    ``alive``: uint8 (planes, ny, nx + LANES), 1 for voxels not ruled out. ``table`` and ``largest`` (planes,), the
-    largest share of a pixel, are those of its planes. ``particle``: light of a particle in counts, all pixels together.
-    ``blur`` (planes,): cells that half a voxel in depth moves a footprint, per pixel of q. A voxel's share of a pixel
-    is the least over the places within it (for exact areas). A pixel that the aperture's rim cuts counts as in
-    ``views``. Views are tried in ``order``.
+    Of planes ``begin`` to ``end``. ``alive``: uint8 (planes, ny, nx + LANES), 1 for voxels not ruled out. ``table`` and
+    ``largest`` (planes,), the largest share of a pixel, are those of its planes. ``particle``: light of a particle in
+    counts, all pixels together. ``blur`` (planes,): cells that half a voxel in depth moves a footprint, per pixel of q.
+    A voxel's share of a pixel is the least over the places within it (for exact areas). A pixel that the aperture's rim
+    cuts counts as in ``views``. Views are tried in ``order``.
     """
-    nz, ny, nx = alive.shape
-    for k in prange(nz):
+    _, ny, nx = alive.shape
+    for k in range(begin, end):
         weight = np.empty(nx + LANES, np.float32)
         plane, where = plane_of(table, k), alive[k]
         counts = particle * plane.light

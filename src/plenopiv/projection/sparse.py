@@ -13,9 +13,8 @@ do not depend on the number of threads.
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from plenopiv.kernels import kernel, parallel_kernel
+from plenopiv.kernels import kernel
 from plenopiv.projection.pixels import (
     EXACT,
     ONE_RAY,
@@ -123,16 +122,17 @@ def fill_block(plane_end, start, row, ny, row_start, column, block_column, block
     return count, row
 
 
-@parallel_kernel
+@kernel
 def walk(
-    geo, box, clock, table, ny, rule, rim, m, n, share, chunks, row_start, column, values, image, partial, out, scatter
-):
+    begin, end, geo, box, clock, table, ny, rule, rim, m, n, share, chunks, row_start, column, values, image, partial,
+    out, scatter,
+):  # fmt: skip
     """The listed voxels and the lenses that each lights in one view.
 
     ``scatter``: add the voxels' light to ``partial`` (chunk, lens). Otherwise: the share-weighted sum of ``image``
-    (lens,) for each voxel into ``out``. ``chunks``: bounds of runs of rows.
+    (lens,) for each voxel into ``out``. ``chunks``: bounds of runs of rows, of which ``begin`` to ``end`` are walked.
     """
-    for c in prange(chunks.size - 1):
+    for c in range(begin, end):
         block_column, block_row = np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int32)
         j_of, first_i, lens = np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64)
         cx, cy, total = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)

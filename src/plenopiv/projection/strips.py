@@ -9,9 +9,8 @@ Kernels are kept small on purpose: inlined into one large function the innermost
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from plenopiv.kernels import inlined, kernel, parallel_kernel
+from plenopiv.kernels import inlined, kernel
 from plenopiv.projection.pixels import plane_of
 from plenopiv.projection.simd import add_products, row_products
 
@@ -246,12 +245,12 @@ def listed(row_start, ny, k):
     return rows, rows[0] < rows[ny]
 
 
-@parallel_kernel
-def forward(geo, planes, shape, border, shares, start, size, views, ny, row_start, column, values, partial):
+@kernel
+def forward(begin, end, geo, planes, shape, border, shares, start, size, views, ny, row_start, column, values, partial):
     """Light of the listed voxels in the pixels of views. Each row of ``partial`` (images, count) takes that of some of
-    the planes. ``size``: points in a strip."""
+    the planes; rows ``begin`` to ``end`` are filled. ``size``: points in a strip."""
     nz, images = shape.shape[0], partial.shape[0]
-    for c in prange(images):
+    for c in range(begin, end):
         partial[c] = F(0)
         strip = strip_of(shape, size)
         for k in range(nz * c // images, nz * (c + 1) // images):
@@ -261,12 +260,15 @@ def forward(geo, planes, shape, border, shares, start, size, views, ny, row_star
                 forward_plane(geo, plane, shape[k], border[k], own, views, rows, column, values, strip, partial[c])
 
 
-@parallel_kernel
-def gather(geo, planes, shape, border, shares, start, size, views, ny, row_start, column, image, multiply, chunks, out):
+@kernel
+def gather(
+    begin, end, geo, planes, shape, border, shares, start, size, views, ny, row_start, column, image, multiply, chunks,
+    out,
+):  # fmt: skip
     """For each listed voxel the sum of ``image`` (count,) over the pixels of views, each by the share of a wholly lit
     pixel that the voxel gives it, into ``out``; with ``multiply``, their number, ``out`` times ``factor_of`` it."""
     nz = shape.shape[0]
-    for c in prange(chunks):
+    for c in range(begin, end):
         strip = strip_of(shape, size)
         for k in range(nz * c // chunks, nz * (c + 1) // chunks):
             rows, any_voxel = listed(row_start, ny, k)

@@ -10,10 +10,9 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
-from plenopiv.kernels import inlined, parallel_kernel
+from plenopiv.kernels import inlined, kernel
 
 F = np.float32
 GAUSS = F(0.28867513)  # of a pixel: the two points at which its lit length is taken
@@ -50,12 +49,12 @@ def lit_part(radius, spread, qx, qy):
     return lit, qx + (du if along_x else dv), qy + (dv if along_x else du)
 
 
-@parallel_kernel
+@kernel
 def look(geo, lenses, m, n, rim, lens_mm, phase, first, last, begin, end, pixels):
     """The pixels of a view that are equations, ``lenses``, as ``pixels`` (8, begin : end): s, t; q along x and y
     and lit share in the plane of A = ``first``; their change per unit of A, which is all but linear up to ``last``."""
     per_unit = F(1) / (last - first) if last != first else F(0)
-    for c in prange(begin, end):
+    for c in range(begin, end):
         lens = lenses[c - begin]
         qx, qy = m - phase[lens, 0], phase[lens, 1] - n
         pixels[0, c], pixels[1, c] = lens_mm[lens, 0], lens_mm[lens, 1]

@@ -17,6 +17,7 @@ from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.simulation import kernels
 from plenopiv.simulation.particles import Particles
+from plenopiv.threads import in_threads
 
 Sampling = Literal["stratified", "random"]
 Progress = Callable[[int, int], None]
@@ -81,16 +82,17 @@ def particle_image(
         start = np.concatenate([[0], np.cumsum(area[now])])
         patches = np.zeros(start[-1])
         windows = window[particle[now]]
-        kernels.trace_items(
+        in_threads(
+            kernels.trace_items, windows.shape[0],
             particle[now], first[now], last[now], windows, start[:-1], patches,
             x, y, spread, scale, particles.electrons / rays,
             rays, sampling == "stratified", np.uint64(seed % 2**64),
             0.5 * lens.aperture_mm, size, blur,
             lattice.kind == "hexagonal", lattice.pitch_mm, lattice.rotation_rad,
             lattice.offset_mm[0], lattice.offset_mm[1],
-            camera.image_scale, column0, row0, sensor.pixel_pitch_mm,
+            camera.image_scale, column0, row0, sensor.pixel_pitch_mm, at_once=16,
         )  # fmt: skip
-        kernels.add_patches(image, windows, start[:-1], patches)
+        in_threads(kernels.add_patches, image.shape[0], image, windows, start[:-1], patches, at_once=32)
         begin = min(now.stop, particle.size)
         if progress is not None:
             progress(x.size * begin // particle.size, x.size)

@@ -9,9 +9,8 @@ from __future__ import annotations
 from math import cos, floor, log, pi, sin, sqrt
 
 import numpy as np
-from numba import prange
 
-from plenopiv.kernels import plain_kernel, plain_parallel_kernel
+from plenopiv.kernels import plain_kernel
 
 GOLDEN = (sqrt(5.0) - 1.0) / 2.0
 HEXAGONAL_ROW = sqrt(3.0) / 2.0
@@ -59,8 +58,9 @@ def nearest_lens(a, b, hexagonal):
     return k, (below + 1.0) * HEXAGONAL_ROW
 
 
-@plain_parallel_kernel
+@plain_kernel
 def trace_items(
+    begin, end,  # items to trace
     particle,  # int64 (items,): which particle
     first_ray,  # int64 (items,)
     last_ray,  # int64 (items,): one past
@@ -86,7 +86,7 @@ def trace_items(
     """
     turn_c, turn_s = cos(2.0 * pi * GOLDEN), sin(2.0 * pi * GOLDEN)
     rot_c, rot_s = cos(rotation_rad), sin(rotation_rad)
-    for item in prange(particle.size):
+    for item in range(begin, end):
         p = particle[item]
         own = mix(seed, p)
         shift, angle0 = _uniform(own, 0), _uniform(own, 1)
@@ -128,10 +128,10 @@ def trace_items(
                 patches[base + row * cols + column] += weight[p]
 
 
-@plain_parallel_kernel
-def add_patches(image, window, start, patches):
-    """Add patches to the image (rows, columns) in item order."""
-    for row in prange(image.shape[0]):
+@plain_kernel
+def add_patches(begin, end, image, window, start, patches):
+    """Add patches to rows ``begin`` to ``end`` of the image (rows, columns) in item order."""
+    for row in range(begin, end):
         for item in range(start.size):
             col_lo, row_lo, cols, rows = window[item]
             if row_lo <= row < row_lo + rows:
@@ -166,11 +166,12 @@ def disc_in_pixel(dx, dy, radius):
     )
 
 
-@plain_parallel_kernel
+@plain_kernel
 def aperture_images(
-    image, radius_px, hexagonal, pitch_px, rotation_rad, offset_s_px, offset_t_px, column0, row0
+    begin, end, image, radius_px, hexagonal, pitch_px, rotation_rad, offset_s_px, offset_t_px, column0, row0
 ):  # fmt: skip
-    """Fill (rows, columns) with the share of each pixel that discs centred on the lattice's nodes cover, all summed.
+    """Fill rows ``begin`` to ``end`` of the image with the share of each pixel that discs centred on the lattice's
+    nodes cover, all summed.
 
     Lengths in pixels on the sensor: the lattice is that of the micro-images.
     """
@@ -178,7 +179,7 @@ def aperture_images(
     reach = radius_px + 0.7072
     spacing = HEXAGONAL_ROW if hexagonal else 1.0
     span = int(reach / (pitch_px * spacing) + 0.71) + 1
-    for row in prange(image.shape[0]):
+    for row in range(begin, end):
         for column in range(image.shape[1]):
             s, t = column0 - column, row - row0
             ds, dt = s - offset_s_px, t - offset_t_px

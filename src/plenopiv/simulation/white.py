@@ -9,6 +9,7 @@ from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.simulation import kernels
 from plenopiv.simulation.images import diffraction_sigma_mm
+from plenopiv.threads import in_threads
 
 
 def white_image(
@@ -33,9 +34,10 @@ def white_image(
     image = np.empty((sensor.rows, sensor.columns))
     column0, row0 = sensor.axis
     px = (1.0 + camera.image_scale) / sensor.pixel_pitch_mm  # a microlens' place on the sensor, in pixels
-    kernels.aperture_images(
-        image, camera.aperture_radius_px, lattice.kind == "hexagonal", lattice.pitch_mm * px, lattice.rotation_rad,
-        lattice.offset_mm[0] * px, lattice.offset_mm[1] * px, column0, row0,
+    in_threads(
+        kernels.aperture_images, sensor.rows, image,
+        camera.aperture_radius_px, lattice.kind == "hexagonal", lattice.pitch_mm * px, lattice.rotation_rad,
+        lattice.offset_mm[0] * px, lattice.offset_mm[1] * px, column0, row0, at_once=16,
     )  # fmt: skip
     if diffraction_nm is not None:
         image = _blurred(image, diffraction_sigma_mm(camera, diffraction_nm) / sensor.pixel_pitch_mm)
