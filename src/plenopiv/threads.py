@@ -9,11 +9,14 @@ entered by two callers at once, as those of a cluster's worker do.
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numba
+
+RANGES = 1  # a thread: to call a kernel takes 0.1 ms
 
 
 @lru_cache(maxsize=4)
@@ -21,16 +24,16 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, "plenopiv")
 
 
-def in_threads(kernel: Callable[..., Any], count: int, *arguments: Any, at_once: int = 1) -> None:
-    """Call ``kernel(begin, end, *arguments)`` for ranges of ``at_once`` that cover 0 to ``count``; raise what one of
-    them raises. Not to be called from within itself."""
-    ranges = [(begin, min(begin + at_once, count)) for begin in range(0, count, at_once)]
+def in_threads(kernel: Callable[..., Any], count: int, *arguments: Any) -> None:
+    """Call ``kernel(begin, end, *arguments)`` for ranges that cover 0 to ``count``; raise what one of them raises. Not
+    to be called from within itself."""
     threads = numba.get_num_threads()
-    if threads == 1 or len(ranges) < 2:
-        for begin, end in ranges:
-            kernel(begin, end, *arguments)
+    if threads == 1 or count < 2:
+        kernel(0, count, *arguments)
         return
-    kernel(*ranges[0], *arguments)  # compiles, if need be, where a traceback can be read
-    jobs: list[Future[Any]] = [_pool(threads).submit(kernel, *part, *arguments) for part in ranges[1:]]
+    bounds = [count * k // (RANGES * threads) for k in range(RANGES * threads + 1)]
+    ranges = [part for part in pairwise(bounds) if part[0] < part[1]]
+    jobs = [_pool(threads - 1).submit(kernel, *part, *arguments) for part in ranges[1:]]
+    kernel(*ranges[0], *arguments)
     for job in jobs:
         job.result()

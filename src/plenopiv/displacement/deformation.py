@@ -48,7 +48,7 @@ class DeformedPlanes:
         source = self.volume.slab(source_lo, source_hi)
         out = np.empty((hi - lo, *source.shape[1:]), np.float32)
         about = source, source_lo, lo, along_x, *self._y, np.float32(self.share), out
-        in_threads(_sample, out.shape[0] * out.shape[1], *about, at_once=out.shape[1])
+        in_threads(_sample, out.shape[0] * out.shape[1], *about)
         return out
 
 

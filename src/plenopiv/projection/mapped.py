@@ -71,7 +71,7 @@ class MappedViews:
                 (m, n), rim, part = self.layout.offsets[view].astype(np.float32), bool(self.rim[view]), start[k : k + 2]
                 look(self.rows, found, m, n, rim, self.lens_mm, self.layout.phase, first, last, *part, pixels)
             middle = -self.layout.offsets[views, 1].astype(np.float32)
-            self._last = tuple(views), np.concatenate(lenses), Views(pixels, start, first, middle)
+            self._last = tuple(views), np.concatenate(lenses), Views(pixels, start, first, middle, self.rim[views])
         return self._last[1:]
 
     def _meeting(self, view: int) -> NDArray[np.int64]:

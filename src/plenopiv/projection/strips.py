@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from plenopiv.kernels import inlined, kernel
+from plenopiv.kernels import borrowed, inlined, kernel
 from plenopiv.projection.pixels import plane_of
 from plenopiv.projection.simd import add_products, row_products
+from plenopiv.projection.views import Views
 
 F, U = np.float32, np.uint64
 BLOCK = 256  # pixels placed at once
@@ -42,27 +43,34 @@ def pixels_near(geo, plane, size, border, views, n, low, high):
 
 
 @kernel
-def places(geo, plane, size, border, views, begin, count, top, low, high, at, across, along, lit):
-    """Where the footprints of pixels ``begin`` onwards are centred on a strip, of a map of ``size`` (rows, columns,
-    points to a voxel), whose first row is ``top``: the point above and to the left, the way to the next column and row,
-    and the pixels' lit shares; 0 for those that are not on rows low <= y < high. Those off the map along x go to its
-    border, where it is dark."""
+def places(geo, plane, size, border, views, n, begin, count, top, low, high, at, across, along, lit):
+    """Where the footprints of pixels ``begin`` onwards, all of view n, are centred on a strip, of a map of ``size``
+    (rows, columns, points to a voxel), whose first row is ``top``: the point above and to the left, the way to the next
+    column and row, and the pixels' lit shares; 0 for those that are not on rows low <= y < high. Those off the map
+    along x go to its border, where it is dark."""
     width, points = np.int32(size[1]), size[2]
     right = F(size[1]) - F(1.01)
     x0, y0 = F(border[0]) - points * geo.x0, F(border[1]) - points * geo.y0
     xs, xq, ys, yq = points * plane.voxel_s, points * plane.step_x, points * plane.voxel_t, points * plane.step_y
     off, p = plane.spread - views.first, views.pixels
     s, t, qx, qy = p[0, begin:], p[1, begin:], p[2, begin:], p[3, begin:]
-    share, qx_off, qy_off, share_off = p[4, begin:], p[5, begin:], p[6, begin:], p[7, begin:]
     low, high, top = np.int32(low), np.int32(high), np.int32(top)
     for c in range(count):
-        x = min(max(x0 + xs * s[c] + xq * (qx[c] + off * qx_off[c]), F(0)), right)
-        y = max(y0 + ys * t[c] + yq * (qy[c] + off * qy_off[c]), F(0))
+        across[c], along[c] = x0 + xs * s[c] + xq * qx[c], y0 + ys * t[c] + yq * qy[c]
+        lit[c] = F(1)
+    if views.rim[n]:
+        share, qx_off, qy_off, share_off = p[4, begin:], p[5, begin:], p[6, begin:], p[7, begin:]
+        for c in range(count):
+            across[c] += xq * off * qx_off[c]
+            along[c] += yq * off * qy_off[c]
+            lit[c] = share[c] + off * share_off[c]
+    for c in range(count):
+        x, y = min(max(across[c], F(0)), right), max(along[c], F(0))
         i, j = np.int32(x), np.int32(y)
         here = (j >= low) & (j < high)
         across[c], along[c] = x - F(i), y - F(j)
         at[c] = (j - top) * width + i if here else 0
-        lit[c] = share[c] + off * share_off[c] if here else F(0)
+        lit[c] = lit[c] if here else F(0)
 
 
 @kernel
@@ -74,7 +82,7 @@ def read(geo, plane, size, border, views, n, top, low, high, strip, light):
     width, (first, last) = U(size[1]), pixels_near(geo, plane, size, border, views, n, low, high)
     for begin in range(first, last, BLOCK):
         count, out = min(BLOCK, last - begin), light[begin:]
-        places(geo, plane, size, border, views, begin, count, top, low, high, at, across, along, lit)
+        places(geo, plane, size, border, views, n, begin, count, top, low, high, at, across, along, lit)
         for c in range(count):
             p = U(at[c])
             above = strip[p] + across[c] * (strip[p + U(1)] - strip[p])
@@ -91,7 +99,7 @@ def write(geo, plane, size, border, views, n, top, low, high, image, strip):
     width, (first, last) = U(size[1]), pixels_near(geo, plane, size, border, views, n, low, high)
     for begin in range(first, last, BLOCK):
         count, value = min(BLOCK, last - begin), image[begin:]
-        places(geo, plane, size, border, views, begin, count, top, low, high, at, across, along, lit)
+        places(geo, plane, size, border, views, n, begin, count, top, low, high, at, across, along, lit)
         for c in range(count):
             p, whole = U(at[c]), lit[c] * value[c]
             below = along[c] * whole
@@ -245,11 +253,21 @@ def listed(row_start, ny, k):
     return rows, rows[0] < rows[ny]
 
 
+@inlined
+def of_caller(views):
+    """The same views, their arrays ``borrowed``."""
+    return Views(
+        borrowed(views.pixels), borrowed(views.start), views.first, borrowed(views.middle), borrowed(views.rim)
+    )
+
+
 @kernel
 def forward(begin, end, geo, planes, shape, border, shares, start, size, views, ny, row_start, column, values, partial):
     """Light of the listed voxels in the pixels of views. Each row of ``partial`` (images, count) takes that of some of
     the planes; rows ``begin`` to ``end`` are filled. ``size``: points in a strip."""
     nz, images = shape.shape[0], partial.shape[0]
+    shares, row_start, column = borrowed(shares), borrowed(row_start), borrowed(column)
+    values, partial, views = borrowed(values), borrowed(partial), of_caller(views)
     for c in range(begin, end):
         partial[c] = F(0)
         strip = strip_of(shape, size)
@@ -268,6 +286,8 @@ def gather(
     """For each listed voxel the sum of ``image`` (count,) over the pixels of views, each by the share of a wholly lit
     pixel that the voxel gives it, into ``out``; with ``multiply``, their number, ``out`` times ``factor_of`` it."""
     nz = shape.shape[0]
+    shares, row_start, column = borrowed(shares), borrowed(row_start), borrowed(column)
+    image, out, views = borrowed(image), borrowed(out), of_caller(views)
     for c in range(begin, end):
         strip = strip_of(shape, size)
         for k in range(nz * c // chunks, nz * (c + 1) // chunks):

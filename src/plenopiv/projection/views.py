@@ -21,12 +21,13 @@ GAUSS = F(0.28867513)  # of a pixel: the two points at which its lit length is t
 class Views(NamedTuple):
     """The pixels of views (8, count), one view after the other, each sorted by the rows of voxels that they meet, as
     ``look`` leaves them. ``start`` (views + 1,): where those of each begin; ``first``: A of the first plane; ``middle``
-    (views,): q along y of each view's nominal portion."""
+    (views,): q along y of each view's nominal portion; ``rim`` (views,): whether the aperture's rim cuts its pixels."""
 
     pixels: NDArray[np.float32]
     start: NDArray[np.int64]
     first: np.float32
     middle: NDArray[np.float32]
+    rim: NDArray[np.bool_]
 
 
 @inlined

@@ -90,9 +90,9 @@ def particle_image(
             0.5 * lens.aperture_mm, size, blur,
             lattice.kind == "hexagonal", lattice.pitch_mm, lattice.rotation_rad,
             lattice.offset_mm[0], lattice.offset_mm[1],
-            camera.image_scale, column0, row0, sensor.pixel_pitch_mm, at_once=16,
+            camera.image_scale, column0, row0, sensor.pixel_pitch_mm,
         )  # fmt: skip
-        in_threads(kernels.add_patches, image.shape[0], image, windows, start[:-1], patches, at_once=32)
+        in_threads(kernels.add_patches, image.shape[0], image, windows, start[:-1], patches)
         begin = min(now.stop, particle.size)
         if progress is not None:
             progress(x.size * begin // particle.size, x.size)

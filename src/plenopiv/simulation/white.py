@@ -37,7 +37,7 @@ def white_image(
     in_threads(
         kernels.aperture_images, sensor.rows, image,
         camera.aperture_radius_px, lattice.kind == "hexagonal", lattice.pitch_mm * px, lattice.rotation_rad,
-        lattice.offset_mm[0] * px, lattice.offset_mm[1] * px, column0, row0, at_once=16,
+        lattice.offset_mm[0] * px, lattice.offset_mm[1] * px, column0, row0,
     )  # fmt: skip
     if diffraction_nm is not None:
         image = _blurred(image, diffraction_sigma_mm(camera, diffraction_nm) / sensor.pixel_pitch_mm)
