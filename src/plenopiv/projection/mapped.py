@@ -57,7 +57,7 @@ class MappedViews:
         self._gather(views, images, volume, 0, out)
 
     def multiply(self, views: NDArray[np.int64], corrections: NDArray[np.float32], volume: SparseVolume) -> None:
-        """Multiply the voxels by ``strips.factor_of`` what ``gather`` gives of ``corrections``."""
+        """Multiply the voxels by ``rows.factor_of`` what ``gather`` gives of ``corrections``."""
         self._gather(views, corrections, volume, len(views), volume.values)
 
     def look(self, views: NDArray[np.int64]) -> tuple[NDArray[np.int64], Views]:
@@ -83,8 +83,7 @@ class MappedViews:
         return self._by_row[meets[self._by_row]]
 
     def _kernel_arguments(self, volume: SparseVolume, pixels: Views):
-        table = self.maps
-        about = table.shape, table.border, table.shares, table.start, self.strip, pixels, self.grid.shape[1]
+        about = self.maps, self.strip, pixels, self.grid.shape[1]
         return self.rows, self.planes, *about, volume.row_start, volume.column
 
     def _gather(self, views: NDArray[np.int64], images, volume: SparseVolume, multiply: int, out) -> None:

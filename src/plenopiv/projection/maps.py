@@ -25,34 +25,41 @@ from plenopiv.threads import in_threads
 
 ACROSS = 7.0  # points of a map across a footprint, at least; with 4, depth is worse by a quarter
 RAMP = 2  # such points on the ramp at a footprint's edge, at least, where they are more than a voxel apart
+ENOUGH = 2 * ACROSS  # points across a footprint that ends sharply: no more
 SHARP = ((3, 1.0), (2, 2.5))  # points to a voxel where that ramp is shorter than so many voxels
+MOST_PARTS = 6  # outer products
+PART = 3e-4  # of the largest, below which one is left out
 F = np.float32
 
 
 class Maps(NamedTuple):
     """Of every plane ``shape`` (nz, 6): map rows and columns, rows and columns of a voxel's shares, points to a voxel
-    and the power of two of voxels to a point, one of which is 1; ``start`` (nz,): where those shares begin in
-    ``shares`` (float32), as often as there are voxels to a point along y and x; ``border`` (nz, 2): points before the
-    first voxel, along x and y."""
+    and the power of two of voxels to a point, one of which is 1; ``start`` (nz, 2): where those shares begin in
+    ``shares`` (float32), as often as there are voxels to a point along y and x, and their outer products in ``parts``;
+    ``border`` (nz, 2): points before the first voxel, along x and y; ``rank`` (nz,): how many outer products make up
+    the shares to PART of the largest, 0 where they would be more than MOST_PARTS."""
 
     shape: NDArray[np.int64]
     start: NDArray[np.int64]
     border: NDArray[np.int64]
     shares: NDArray[np.float32]
+    rank: NDArray[np.int64]
+    parts: NDArray[np.float32]
 
 
 def maps(geo, table: NDArray[np.float32], grid_shape: tuple[int, int, int], across: float = ACROSS) -> Maps:
     """The maps of the planes of ``table`` (``geometry.planes``) of a camera ``geo`` (``geometry.rows``), with at least
     ``across`` points across a footprint."""
     nz, ny, nx = grid_shape
-    shape, start, border = np.zeros((nz, 6), np.int64), np.zeros(nz, np.int64), np.zeros((nz, 2), np.int64)
+    shape, start, border = np.zeros((nz, 6), np.int64), np.zeros((nz, 2), np.int64), np.zeros((nz, 2), np.int64)
     reach = np.empty((nz, 3), np.float32)
     footprint_box(geo, table, reach)
     total = 0
     for k, (wide, high, ramp) in enumerate(reach.tolist()):
         per_point = ramp * ACROSS / (RAMP * across)  # voxels
-        sharp = next((n for n, voxels in SHARP if ramp < voxels), 1)
-        points = max(ceil(sharp * across / ACROSS), ceil(across / (2 * min(wide, high))))
+        narrow = 2 * min(wide, high)
+        sharp = min(next((n for n, voxels in SHARP if ramp < voxels), 1), ceil(ENOUGH / narrow))
+        points = max(ceil(sharp * across / ACROSS), ceil(across / narrow))
         shift = max(0, floor(log2(per_point))) if points == 1 and per_point > 0 else 0
         right, down = (ceil(points * half / 2**shift) for half in (wide, high))
         more = 2 if shift else 1
@@ -60,14 +67,33 @@ def maps(geo, table: NDArray[np.float32], grid_shape: tuple[int, int, int], acro
         border[k] = right + 2, down + 2
         last_row, last_column = ((points * (n - 1)) >> shift for n in (ny, nx))
         shape[k] = last_row + 2 * down + 6, last_column + columns + 6, rows, columns, points, shift
-        start[k] = total
+        start[k, 0] = total
         total += rows * columns * 4**shift
     shares = np.zeros(total, np.float32)
     in_threads(tabulate, len(table), geo, table, shape, start, border, shares)
-    for at, (_, _, rows, columns, _, shift) in zip(start, shape, strict=True):
-        of_plane = shares[at : at + rows * columns * 4**shift].reshape(-1, rows, columns)
+    rank, parts = np.zeros(nz, np.int64), list[NDArray[np.float64]]()
+    for k, (_, _, rows, columns, _, shift) in enumerate(shape):
+        voxels = 1 << shift
+        of_plane = shares[start[k, 0] :][: rows * columns * voxels**2].reshape(-1, rows, columns)
         of_plane[:] = sharpened(of_plane)
-    return Maps(shape, start, border, shares)
+        start[k, 1] = sum(part.size for part in parts)
+        found = outer_products(of_plane.reshape(voxels, voxels, rows, columns))
+        rank[k] = len(found)
+        parts.extend(found)
+    return Maps(shape, start, border, shares, rank, np.concatenate([*parts, np.zeros(1)]).astype(np.float32))
+
+
+def outer_products(shares: NDArray[np.float32]) -> list[NDArray[np.float64]]:
+    """Shares (voxels, voxels, rows, columns) as a sum of outer products: of each its column for every voxel along y
+    (voxels, rows), then its row for every voxel along x, in one array; none where it takes more than MOST_PARTS."""
+    voxels, _, rows, columns = shares.shape
+    matrix = shares.transpose(0, 2, 1, 3).reshape(voxels * rows, voxels * columns).astype(np.float64)
+    down, strength, across = np.linalg.svd(matrix)
+    count = int((strength > PART * strength[0]).sum())
+    if count > MOST_PARTS:
+        return []
+    each = np.sqrt(strength[:count])
+    return [np.concatenate([down[:, r] * each[r], across[r] * each[r]]) for r in range(count)]
 
 
 def sharpened(shares: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -107,7 +133,7 @@ def tabulate(begin, end, geo, table, shape, start, border, shares):
     """Fill ``shares``: of planes ``begin`` to ``end`` those of a voxel for the points around it, the voxel on a point
     or, where voxels share one, beyond it by their fractions of the step."""
     for k in range(begin, end):
-        plane, at = plane_of(table, k), start[k]
+        plane, at = plane_of(table, k), start[k, 0]
         rows, columns, points, voxels = shape[k, 2], shape[k, 3], shape[k, 4], 1 << shape[k, 5]
         right, down = border[k, 0] - 2, border[k, 1] - 2
         scale, step = F(0.25) / (plane.half * plane.half), F(voxels) / F(points)

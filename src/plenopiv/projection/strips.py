@@ -11,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from plenopiv.kernels import borrowed, inlined, kernel
+from plenopiv.projection.maps import Maps
 from plenopiv.projection.pixels import plane_of
-from plenopiv.projection.simd import add_products, row_products
+from plenopiv.projection.rows import spread_row, sum_row
 from plenopiv.projection.views import Views
 
 F, U = np.float32, np.uint64
@@ -122,51 +123,6 @@ def roll(strip, width, kept, lines):
 
 
 @kernel
-def spread_line(shares, shape, column, values, first, last, strip, line):
-    """Spread a row's listed voxels; ``line``: where the shares of the voxel in column 0 would go. Neighbours in the
-    list come one after the other in time only once in four: what one has just stored the other would wait for."""
-    _, width, rows, columns, points, shift = shape
-    among, size = (1 << shift) - 1, rows * columns
-    quarter = (last - first) // 4
-    for n in range(last - first):
-        v = first + n if n >= 4 * quarter else first + n // 4 + (n & 3) * quarter
-        i = points * np.int64(column[v])
-        add_products(shares, (i & among) * size, columns, values[v], strip, line + (i >> shift), width, rows)
-
-
-@inlined
-def factor_of(total, views):
-    """What a voxel is multiplied by when the corrections of so many views sum to ``total``: 1 + total where they add
-    light, and where they take it (1 + total / views)^views, which the product of 1 + each never exceeds; >= 0."""
-    if total >= F(0):
-        return F(1) + total
-    each = max(F(1) + total / F(views), F(0))
-    factor = each
-    for _ in range(views - 1):
-        factor *= each
-    return factor
-
-
-@kernel
-def sum_line(shares, shape, column, first, last, strip, line, multiply, out):
-    """Sum around a row's listed voxels."""
-    _, width, rows, columns, points, shift = shape
-    among, size = (1 << shift) - 1, rows * columns
-    for v in range(first, last):
-        i = points * np.int64(column[v])
-        total = row_products(shares, (i & among) * size, columns, strip, line + (i >> shift), width, rows)
-        out[v] = out[v] * factor_of(total, multiply) if multiply else total
-
-
-@kernel
-def shares_of(shares, shape, j):
-    """The shares of the voxels of row j of a plane."""
-    _, _, rows, columns, points, shift = shape
-    among = (1 << shift) - 1
-    return shares[((points * j) & among) * (1 << shift) * rows * columns :]
-
-
-@kernel
 def first_line(shape, j):
     """The first row of its map that the voxels of row j of a plane reach."""
     return ((shape[4] * j) >> shape[5]) + 2
@@ -185,7 +141,7 @@ def size_of(shape):
 
 
 @kernel
-def forward_plane(geo, plane, shape, border, shares, views, row_start, column, values, strip, light):
+def forward_plane(geo, plane, shape, border, own, views, row_start, column, values, strip, spare, light):
     """Add to ``light`` (count,) what the pixels of some views collect of a plane's listed voxels.
 
     The map is made strip by strip from above: rows of voxels are spread while they fit in, pixels read from the rows
@@ -199,8 +155,8 @@ def forward_plane(geo, plane, shape, border, shares, views, row_start, column, v
         bottom = min(top + lines, height)
         stop = rows_before(shape, bottom, ny)
         for n in range(j, stop):
-            line, own = (first_line(shape, n) - top) * width + 2, shares_of(shares, shape, n)
-            spread_line(own, shape, column, values, row_start[n], row_start[n + 1], strip, line)
+            line, first, last = (first_line(shape, n) - top) * width + 2, row_start[n], row_start[n + 1]
+            spread_row(own, shape, n, column, values, first, last, strip, line, spare)
         j = stop
         finished = first_line(shape, j) if j < ny else bottom
         for n in range(views.start.size - 1):
@@ -212,7 +168,9 @@ def forward_plane(geo, plane, shape, border, shares, views, row_start, column, v
 
 
 @kernel
-def gather_plane(geo, plane, shape, border, shares, views, row_start, column, image, multiply, strip, out):
+def gather_plane(
+    geo, plane, shape, border, own, views, row_start, column, image, multiply, strip, spare, out
+):  # fmt: skip
     """What ``gather`` does for a plane: its map is made strip by strip from above, and rows of voxels are summed once
     all pixels around them are in."""
     size, ny = size_of(shape), row_start.size - 1
@@ -227,8 +185,8 @@ def gather_plane(geo, plane, shape, border, shares, views, row_start, column, im
         written = bottom - 1
         stop = rows_before(shape, written, ny)
         for n in range(j, stop):
-            line, own = (first_line(shape, n) - top) * width + 2, shares_of(shares, shape, n)
-            sum_line(own, shape, column, row_start[n], row_start[n + 1], strip, line, multiply, out)
+            line, first, last = (first_line(shape, n) - top) * width + 2, row_start[n], row_start[n + 1]
+            sum_row(own, shape, n, column, first, last, strip, line, spare, multiply, out)
         j = stop
         if j == ny:
             return
@@ -247,10 +205,29 @@ def strip_of(shape, size):
 
 
 @kernel
+def lines_of(shape):
+    """Room for the lines of a row of any plane, as ``rows`` needs them."""
+    return np.empty((1 + (1 << shape[:, 5].max()), shape[:, 1].max()), np.float32)
+
+
+@kernel
 def listed(row_start, ny, k):
     """Where the rows of plane k begin in the list of voxels, and whether it holds any."""
     rows = row_start[k * ny : (k + 1) * ny + 1]
     return rows, rows[0] < rows[ny]
+
+
+@inlined
+def unowned(maps):
+    """The same maps, their arrays ``borrowed``."""
+    shares, parts = borrowed(maps.shares), borrowed(maps.parts)
+    return Maps(borrowed(maps.shape), borrowed(maps.start), borrowed(maps.border), shares, borrowed(maps.rank), parts)
+
+
+@inlined
+def of_plane(maps, k):
+    """A plane's shares, their outer products and the number of these."""
+    return maps.shares[maps.start[k, 0] :], maps.parts[maps.start[k, 1] :], maps.rank[k]
 
 
 @inlined
@@ -262,36 +239,37 @@ def of_caller(views):
 
 
 @kernel
-def forward(begin, end, geo, planes, shape, border, shares, start, size, views, ny, row_start, column, values, partial):
+def forward(begin, end, geo, planes, maps, points, views, ny, row_start, column, values, partial):
     """Light of the listed voxels in the pixels of views. Each row of ``partial`` (images, count) takes that of some of
-    the planes; rows ``begin`` to ``end`` are filled. ``size``: points in a strip."""
-    nz, images = shape.shape[0], partial.shape[0]
-    shares, row_start, column = borrowed(shares), borrowed(row_start), borrowed(column)
+    the planes; rows ``begin`` to ``end`` are filled. ``points``: in a strip."""
+    nz, images, maps = maps.rank.size, partial.shape[0], unowned(maps)
+    row_start, column = borrowed(row_start), borrowed(column)
     values, partial, views = borrowed(values), borrowed(partial), of_caller(views)
     for c in range(begin, end):
         partial[c] = F(0)
-        strip = strip_of(shape, size)
+        strip, spare = strip_of(maps.shape, points), lines_of(maps.shape)
         for k in range(nz * c // images, nz * (c + 1) // images):
             rows, any_light = listed(row_start, ny, k)
             if any_light:
-                own, plane = shares[start[k] :], plane_of(planes, k)
-                forward_plane(geo, plane, shape[k], border[k], own, views, rows, column, values, strip, partial[c])
+                own = of_plane(maps, k)
+                plane, size, edge = plane_of(planes, k), maps.shape[k], maps.border[k]
+                forward_plane(geo, plane, size, edge, own, views, rows, column, values, strip, spare, partial[c])
 
 
 @kernel
 def gather(
-    begin, end, geo, planes, shape, border, shares, start, size, views, ny, row_start, column, image, multiply, chunks,
-    out,
+    begin, end, geo, planes, maps, points, views, ny, row_start, column, image, multiply, chunks, out
 ):  # fmt: skip
     """For each listed voxel the sum of ``image`` (count,) over the pixels of views, each by the share of a wholly lit
     pixel that the voxel gives it, into ``out``; with ``multiply``, their number, ``out`` times ``factor_of`` it."""
-    nz = shape.shape[0]
-    shares, row_start, column = borrowed(shares), borrowed(row_start), borrowed(column)
+    nz, maps = maps.rank.size, unowned(maps)
+    row_start, column = borrowed(row_start), borrowed(column)
     image, out, views = borrowed(image), borrowed(out), of_caller(views)
     for c in range(begin, end):
-        strip = strip_of(shape, size)
+        strip, spare = strip_of(maps.shape, points), lines_of(maps.shape)
         for k in range(nz * c // chunks, nz * (c + 1) // chunks):
             rows, any_voxel = listed(row_start, ny, k)
             if any_voxel:
-                own, plane = shares[start[k] :], plane_of(planes, k)
-                gather_plane(geo, plane, shape[k], border[k], own, views, rows, column, image, multiply, strip, out)
+                own = of_plane(maps, k)
+                plane, size, edge = plane_of(planes, k), maps.shape[k], maps.border[k]
+                gather_plane(geo, plane, size, edge, own, views, rows, column, image, multiply, strip, spare, out)
