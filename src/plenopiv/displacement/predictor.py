@@ -25,8 +25,7 @@ class SplineField:
     def taps(self, axis: int, at: NDArray) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """First coefficient (n,) and four weights (n, 4) of positions ``at`` along ``axis`` (0 = z, 1 = y, 2 = x)."""
         knots, pad = self.centres[axis], self.pads[axis]
-        spacing = knots[1] - knots[0] if knots.size > 1 else 1.0
-        position = (np.asarray(at, float) - knots[0]) / spacing + pad
+        position = (np.asarray(at, float) - knots[0]) / _spacing(knots) + pad
         # pad covers the volume; a position beyond it would keep the spline's last piece
         cell = np.clip(np.floor(position).astype(np.int64), 1, knots.size + 2 * pad - 3)
         return cell - 1, cubic_bspline(position - cell).astype(np.float32)
@@ -56,12 +55,15 @@ def fit_spline(
     c = np.asarray(displacement, float)
     pads = []
     for axis, (knots, total) in enumerate(zip(centres, shape, strict=True)):
-        spacing = knots[1] - knots[0] if knots.size > 1 else 1.0
-        reach = max(knots[0], total - 1 - knots[-1]) / spacing if knots.size > 1 else total
-        pad = int(np.ceil(reach)) + 2
+        pad = int(np.ceil(max(knots[0], total - 1 - knots[-1]) / _spacing(knots))) + 2
         c = _padded(_natural(c, axis + 1), axis + 1, pad)
         pads.append(pad)
     return SplineField(np.ascontiguousarray(c, np.float32), centres, tuple(pads))  # type: ignore[arg-type]
+
+
+def _spacing(knots: NDArray[np.float64]) -> float:
+    """Between knots; that of a single one has no end, as its value holds everywhere."""
+    return float(knots[1] - knots[0]) if knots.size > 1 else np.inf
 
 
 def _natural(values: NDArray, axis: int) -> NDArray:
