@@ -65,7 +65,7 @@ def product_of(one, two, begin, count):
     return total
 
 
-@kernel
+@inlined
 def copied(b, z, y, x, size, plane, light, squares, k):
     """Copy plane k of the second window with a voxel more on each side into ``plane``; add the light of its rows, and
     its square, to those of the seven windows that hold them."""
@@ -105,20 +105,18 @@ def correlations(a, b, at, to, size, c):
     products, light, squares = np.zeros(7), np.zeros(7), np.zeros(7)
     planes, own = np.zeros((3, (ny + 2) * wide), np.float32), np.zeros(ny * wide, np.float32)
     total = 0.0
-    copied(b, to[0] - 1, to[1], to[2], size, planes[2], light, squares, -1)
-    copied(b, to[0], to[1], to[2], size, planes[0], light, squares, 0)
-    for k in range(nz):
-        copied(b, to[0] + k + 1, to[1], to[2], size, planes[(k + 1) % 3], light, squares, k + 1)
+    for k in range(-1, nz + 1):
+        copied(b, to[0] + k, to[1], to[2], size, planes[k % 3], light, squares, k)
         some = np.float32(0)
-        for j in range(ny):
-            row, out = a[at[0] + k, at[1] + j, at[2] : at[2] + nx], own[j * wide :]
+        for j in range(ny if k > 0 else 0):
+            row, out = a[at[0] + k - 1, at[1] + j, at[2] : at[2] + nx], own[j * wide :]
             for i in range(nx):
                 out[i] = row[i]
                 some += row[i]
         if some == np.float32(0):
             continue
         total += float(some)
-        before, middle, after = planes[(k + 2) % 3], planes[k % 3], planes[(k + 1) % 3]
+        before, middle, after = planes[(k + 1) % 3], planes[(k + 2) % 3], planes[k % 3]
         centre, count = wide + 1, ny * wide - 2
         products[0] += product_of(own, middle, centre, count)
         products[1] += product_of(own, before, centre, count)

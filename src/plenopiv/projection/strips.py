@@ -140,7 +140,7 @@ def size_of(shape):
     return shape[0], shape[1], F(shape[4]) / F(1 << shape[5])
 
 
-@kernel
+@inlined
 def forward_plane(geo, plane, shape, border, own, views, row_start, column, values, strip, spare, light):
     """Add to ``light`` (count,) what the pixels of some views collect of a plane's listed voxels.
 
@@ -167,7 +167,7 @@ def forward_plane(geo, plane, shape, border, own, views, row_start, column, valu
         top = finished - 1
 
 
-@kernel
+@inlined
 def gather_plane(
     geo, plane, shape, border, own, views, row_start, column, image, multiply, strip, spare, out
 ):  # fmt: skip
@@ -207,7 +207,10 @@ def strip_of(shape, size):
 @kernel
 def lines_of(shape):
     """Room for the lines of a row of any plane, as ``rows`` needs them."""
-    return np.empty((1 + (1 << shape[:, 5].max()), shape[:, 1].max()), np.float32)
+    shift = width = 0
+    for k in range(shape.shape[0]):
+        shift, width = max(shift, shape[k, 5]), max(width, shape[k, 1])
+    return np.empty((1 + (1 << shift), width), np.float32)
 
 
 @kernel
