@@ -36,7 +36,7 @@ from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.reconstruction.thinning import keeping
 from plenopiv.volume import SparseVolume
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "reconstruction"))
+sys.path.append(str(Path(__file__).parents[1] / "reconstruction"))
 from pixel_sequential import shares
 
 SCENE = Scene((300, 200, 260), (LATERAL_MM, LATERAL_MM, DEPTH_MM))  # as deep as the paper's full size

@@ -33,7 +33,7 @@ from plenopiv.reconstruction import chain
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "reconstruction"))
+sys.path.append(str(Path(__file__).parents[1] / "reconstruction"))
 from pixel_sequential import light_of_a_pixel, shares
 
 HERE = Path(__file__).parent

@@ -121,7 +121,13 @@ def calibrate(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
 
 
 @app.command()
-def run(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
+def run(
+    experiment: ExperimentFile,
+    overwrite: Overwrite = False,
+    memory: Annotated[
+        float | None, typer.Option(metavar="GB", min=0.0, help="Do not begin a run that takes more memory than this.")
+    ] = None,
+) -> None:
     """From raw images to velocity: calibrate, reconstruct, correlate, report.
 
     Writes velocity.nc (u, v, w in m/s on x, y, z in mm), summary.json, the resolved experiment file and report.html
@@ -135,7 +141,7 @@ def run(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
     """
     from plenopiv.cli.run import run
 
-    typer.echo(run(experiment, overwrite))
+    typer.echo(run(experiment, overwrite, memory))
 
 
 @app.command()

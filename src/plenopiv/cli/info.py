@@ -12,6 +12,7 @@ from plenopiv.cameras.coverage import seen_by_every_view_mm
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
+from plenopiv.run.memory import estimate
 
 Lines = list[tuple[str, str]]
 
@@ -74,7 +75,8 @@ def _experiment(file: Path) -> Lines:
     nz, ny, nx = grid.shape
     sides = " x ".join(f"{1e3 * d:.4g}" for d in grid.voxel_mm)
     lines.append(("volume", f"{nx} x {ny} x {nz} = {grid.size / 1e6:.3g} million voxels of {sides} um"))
-    lines.append(("memory", f"{4 * grid.size / 2**30:.2g} GiB for one dense volume, float32"))
+    needed = estimate(camera, grid, every_voxel=experiment.reconstruction.method == "mart")
+    lines.append(("memory", f"a run takes about {needed.peak / 1e9:.2g} GB"))
     windows = experiment.correlation.windows
     last = windows[-1]
     spacing = [1e3 * d * n * (1 - experiment.correlation.overlap) for d, n in zip(grid.voxel_mm, last, strict=True)]

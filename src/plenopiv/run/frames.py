@@ -74,14 +74,16 @@ def run(
     progress: Progress | None = None,
     overwrite: bool = False,
     score: Score | None = None,
+    memory_gb: float | None = None,
 ) -> RunResult:
     """Run the whole chain and write the results folder: velocity.nc, summary.json, experiment.toml, report.html.
 
     ``progress(stage, done, total)`` is called as work proceeds. ``score``, where the truth is known, turns the velocity
-    field into measures for the report; a run itself never reads a truth.
+    field into measures for the report; a run itself never reads a truth. ``memory_gb``: a run that would take more
+    does not begin.
 
     Raises:
-        PlenoPIVError: an input cannot be used; the results folder is then as it was.
+        PlenoPIVError: an input cannot be used, or memory does not suffice; the results folder is then as it was.
     """
     report = progress or (lambda stage, done, total: None)
     clock = _Clock()
@@ -102,6 +104,8 @@ def run(
         for k in range(2):  # before long work begins; later frames when their turn comes
             recording.frame(k)
         log.info("memory: about %.2g GB", needed.peak / 1e9)
+        if memory_gb is not None:
+            needed.keep_within(1e9 * memory_gb)
 
         def reconstructed(k: int) -> tuple[NDArray[np.uint16], Reconstruction]:
             name = recording.frame_paths[k].name

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import pi
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.errors import PlenoPIVError
 from plenopiv.volume import VoxelGrid
 
 KIB = 1024
@@ -38,6 +39,20 @@ class MemoryEstimate:
     def peak(self) -> float:
         """Bytes in all."""
         return max(BASE + self.light_field + self.volumes, REPORT) + self.images
+
+    def keep_within(self, limit: float) -> None:
+        """Raise PlenoPIVError, which says what would fit, where ``peak`` is more than ``limit`` bytes."""
+        if self.peak <= limit:
+            return
+        room = limit - (self.peak - self.volumes)
+        takes = f"--memory {limit / 1e9:g}: this run takes about {self.peak / 1e9:.2g} GB"
+        if self.volumes == 0 or room <= 0:
+            raise PlenoPIVError(f"{takes}, {(self.peak - self.volumes) / 1e9:.2g} GB of it for anything but voxels")
+        larger = (self.volumes / room) ** (1 / 3)
+        raise PlenoPIVError(
+            f"{takes}; voxels {larger:.2f} times as large along each axis (volume.voxel_mm), "
+            f"or {100 * room / self.volumes:.0f} % of the volume (volume.z_mm, x_mm, y_mm), would fit"
+        )
 
 
 def estimate(camera: PlenopticCamera, grid: VoxelGrid, *, every_voxel: bool = False) -> MemoryEstimate:

@@ -1,0 +1,31 @@
+"""What a run is allowed to take."""
+
+import pytest
+
+from plenopiv.cli import main
+from plenopiv.errors import PlenoPIVError
+from plenopiv.run.memory import BASE, REPORT, MemoryEstimate
+
+
+def test_within():
+    MemoryEstimate(images=1e8, light_field=1e9, volumes=2e9).keep_within(1.0 * (BASE + 3.1e9))
+
+
+def test_larger_voxels_would_fit():
+    needed = MemoryEstimate(images=1e8, light_field=1e9, volumes=8e9)
+    with pytest.raises(PlenoPIVError, match=r"takes about 9\.4 GB; voxels 2\.00 times .* or 12 % of the volume"):
+        needed.keep_within(BASE + 2.1e9)
+
+
+def test_no_voxels_would_fit():
+    with pytest.raises(PlenoPIVError, match="for anything but voxels"):
+        MemoryEstimate(images=1e8, light_field=1e9, volumes=1e9).keep_within(1e9)
+    with pytest.raises(PlenoPIVError, match="for anything but voxels"):
+        MemoryEstimate(images=0.0, light_field=0.0, volumes=0.0).keep_within(REPORT / 2)
+
+
+def test_a_run_that_takes_more_does_not_begin(experiment, capsys):
+    assert main(["run", str(experiment.path), "--memory", "0.1"]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith("plenopiv: error: --memory 0.1: this run takes about")
+    assert not experiment.output_directory.exists()
