@@ -4,7 +4,8 @@
   own), with the very weights of this project's projector, for volumes that grow until the weights no longer fit;
 - pyolaf's Richardson-Lucy (Stefanoiu et al. 2019), which stores one image for each voxel under a microlens and depth.
 
-Each is a process of its own on one thread, from images and weights in memory to the volume; packages are installed
+Each is a process of its own, from images, and weights if it stores them, in memory to the volume, on as many threads as
+it knows to use: of the peers none uses two. What it takes to compute their weights is left out. Packages are installed
 into build/peers. Writes peers.json beside this file and prints a table.
 """
 
@@ -12,15 +13,12 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import os
 import subprocess
 import sys
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-
-os.environ["NUMBA_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
 from reconstruction import ROUNDS, measured
@@ -42,7 +40,8 @@ ROOM_GB = 10.0  # for a peer's weights
 ENVIRONMENT = HERE.parents[1] / "build" / "peers"
 PACKAGES = ("astra-toolbox==2.5.0", "pyolaf==0.2.1")
 PIXELS = 15  # behind a microlens, for pyolaf: odd
-LENSES, PLANES = 15, 9  # for pyolaf
+LENSES, PLANES = 11, 5  # for pyolaf
+LUCY_ROUNDS = 1  # each takes as long as the others
 WAVE_RAYS = 4000
 
 
@@ -56,9 +55,9 @@ def python() -> Path:
     return found
 
 
-def run_peer(method: str, folder: Path) -> dict[str, float]:
+def run_peer(method: str, folder: Path, rounds: int = ROUNDS) -> dict[str, float]:
     """Seconds, GB and residual (counts RMS) of a peer on what lies in ``folder``."""
-    command = [python(), HERE / "reconstruction_peer.py", method, folder, str(ROUNDS)]
+    command = [python(), HERE / "reconstruction_peer.py", method, folder, str(rounds)]
     ended = subprocess.run(command, check=True, text=True, stdout=subprocess.PIPE)
     seconds, gb, residual = map(float, ended.stdout.split("\n")[-2].split())
     return {"seconds": seconds, "gb": gb, "residual": residual}
@@ -162,7 +161,7 @@ def richardson_lucy() -> dict:
     side = LENSES * PIXELS
     with tempfile.TemporaryDirectory() as scratch:
         write_patterns(Path(scratch))
-        found = {"pyolaf": run_peer("richardson-lucy", Path(scratch))}
+        found = {"pyolaf": run_peer("richardson-lucy", Path(scratch), LUCY_ROUNDS)}
     scene = Scene((side, side, PLANES), (0.0055, 0.0055, 4 * DEPTH_MM), pixels=(side, side))
     row = {
         "shape": (side, side, PLANES),

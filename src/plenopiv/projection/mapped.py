@@ -12,6 +12,7 @@ from plenopiv.projection.views import Views, look
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
 
+KEPT = 1 << 22  # numbers of lenses that views meet, in all: few beside the rest of a run's memory
 RUNS = 16  # of planes, shared out among threads; forward, as many partial images are summed in order
 
 
@@ -38,6 +39,8 @@ class MappedViews:
         self.strip = strips.STRIP
         downwards = self.planes[0, geometry.Plane._fields.index("voxel_t")]
         self._by_row = np.argsort(np.sign(downwards) * self.lens_mm[:, 1], kind="stable")
+        self._widest = widest(self.maps)
+        self._met: dict[int, NDArray[np.int32]] = {}
         self._last: tuple[tuple[int, ...], NDArray[np.int64], Views] | None = None
 
     def forward(self, views: NDArray[np.int64], volume: SparseVolume) -> NDArray[np.float32]:
@@ -74,13 +77,18 @@ class MappedViews:
             self._last = tuple(views), np.concatenate(lenses), Views(pixels, start, first, middle, self.rim[views])
         return self._last[1:]
 
-    def _meeting(self, view: int) -> NDArray[np.int64]:
+    def _meeting(self, view: int) -> NDArray[np.int32]:
         """The lenses whose pixel in a view is an equation and may meet a voxel, sorted by row."""
+        if view in self._met:
+            return self._met[view]
         column, row = geometry.ends(self.layout, self.rows, self.planes, self.lens_mm, view)
-        (_, ny, nx), (wide, high) = self.grid.shape, widest(self.maps)
+        (_, ny, nx), (wide, high) = self.grid.shape, self._widest
         meets = self.layout.seen[view] & (column.min(0) < nx + wide) & (column.max(0) > -wide - 1)
         meets &= (row.min(0) < ny + high) & (row.max(0) > -high - 1)
-        return self._by_row[meets[self._by_row]]
+        found = self._by_row[meets[self._by_row]].astype(np.int32)
+        if sum(lenses.size for lenses in self._met.values()) < KEPT:
+            self._met[view] = found
+        return found
 
     def _kernel_arguments(self, volume: SparseVolume, pixels: Views):
         about = self.maps, self.strip, pixels, self.grid.shape[1]
