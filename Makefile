@@ -29,6 +29,7 @@ bench: $(VENV)/.ready  ## measure speed against limits and peers, a quarter of a
 	$(BIN)/python benchmarks/speed/start_and_threads.py
 	$(BIN)/python benchmarks/speed/limits.py
 	$(BIN)/python benchmarks/speed/reconstruction.py
+	$(BIN)/python benchmarks/speed/peers.py
 	$(BIN)/python benchmarks/correlation/run.py
 	$(BIN)/python benchmarks/speed/page.py
 

@@ -82,6 +82,32 @@ def limits(found: dict[str, Any]) -> str:
     )
 
 
+def peers(found: dict[str, Any]) -> str:
+    """Peers that store their weights."""
+    rows = []
+    for r in [*found["stored weights"], found["richardson-lucy"]]:
+        size = " x ".join(map(str, r["shape"]))
+        for name, f in r["found"].items():
+            rows.append([f"{size}: {name}", f"{f['seconds']:.2f}", f"{f['gb']:.2f}", f"{f['residual']:.0f}"])
+    return f"{found['rounds']} rounds from an image, without what it takes to compute the stored weights:\n\n" + table(
+        "voxels and method | s | GB | residual, counts RMS", rows
+    )
+
+
+def correlation(found: dict[str, Any]) -> str:
+    """Vectors a CPU-second beside OpenPIV's."""
+    rows = []
+    for r in found["uniform_shifts"] + found["sinusoidal_shear"]:
+        if "validated" in r["method"] or "agreement" in r["method"]:
+            continue
+        bias, rms = (" / ".join(f"{v:.3f}" for v in r["everywhere"][k]) for k in ("bias", "rms"))
+        rows.append([f"{r['condition']}: {r['method']}", f"{r['vectors_a_cpu_s']:.0f}", bias, rms])
+    return (
+        "Windows of 32 x 32 x 32 voxels that overlap by half, one thread each; docs/accuracy.md has all of it.\n\n"
+        + (table("volumes and method | vectors a CPU-second | bias x / y / z, voxels | RMS", rows))
+    )
+
+
 def start_and_threads(found: dict[str, Any]) -> str:
     """Cold start and repeats."""
     first, later = found["first"], found["later"]
@@ -102,6 +128,8 @@ def memory(found: dict[str, Any]) -> str:
 
 PARTS = {
     "Reconstruction": ("reconstruction", reconstruction),
+    "Peers that store their weights": ("peers", peers),
+    "Correlation beside OpenPIV": ("../correlation/results", correlation),
     "Kernels and their limits": ("limits", limits),
     "Start and threads": ("start_and_threads", start_and_threads),
     "Memory announced and taken": ("memory", memory),

@@ -1,7 +1,7 @@
 """Reconstruction against peers that store their weights:  peers.py
 
 - MART view by view with `scipy.sparse` matrices, and ASTRA's SIRT (Palenstijn et al. 2011; GPL, run as a process of its
-  own), with the very weights of this project's projector, for volumes that grow until the weights no longer fit;
+  own), with the exact weights that this project's maps interpolate, for volumes that grow until weights do not fit;
 - pyolaf's Richardson-Lucy (Stefanoiu et al. 2019), which stores one image for each voxel under a microlens and depth.
 
 Each is a process of its own, from images, and weights if it stores them, in memory to the volume, on as many threads as
@@ -27,6 +27,7 @@ from scipy import sparse
 
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.cameras.presets import preset
+from plenopiv.projection.projector import Projector
 from plenopiv.reconstruction import chain
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
@@ -35,7 +36,7 @@ sys.path.append(str(Path(__file__).parents[1] / "reconstruction"))
 from pixel_sequential import light_of_a_pixel, shares
 
 HERE = Path(__file__).parent
-SIZES = ((40, 40, 40), (80, 80, 50), (120, 120, 80), (160, 160, 100))
+SIZES = ((40, 40, 40), (80, 80, 50), (120, 120, 80), (160, 160, 100), (200, 200, 160))
 ROOM_GB = 10.0  # for a peer's weights
 ENVIRONMENT = HERE.parents[1] / "build" / "peers"
 PACKAGES = ("astra-toolbox==2.5.0", "pyolaf==0.2.1")
@@ -75,11 +76,13 @@ def ours(scene: Scene) -> dict[str, dict[str, float]]:
 def write_weights(scene: Scene, folder: Path) -> int:
     """Weights as one CSR matrix (view x lens, voxel) of the counts that a voxel of value 1 gives; images; how many
     weights there are, in bytes."""
-    volume, where = scene.projector.seen_voxels(), scene.lightfield.layout
-    light = light_of_a_pixel(scene.projector, volume)
+    where = scene.lightfield.layout
+    projector = Projector(where, scene.grid, "polygons")
+    volume = projector.seen_voxels()
+    light = light_of_a_pixel(projector, volume)
     data, indices, rows = [], [], [np.zeros(1, np.int64)]
-    for view in range(scene.projector.views):
-        (matrix,) = shares(scene.projector, volume, [view])  # type: ignore[arg-type]
+    for view in range(projector.views):
+        (matrix,) = shares(projector, volume, [view])  # type: ignore[arg-type]
         by_lens = sparse.csr_array(matrix.T)
         data.append(by_lens.data * light[by_lens.indices])
         indices.append(by_lens.indices.astype(np.int32))
