@@ -186,10 +186,7 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
             f"correlation: the volumes differ in grid: {a.grid} and {b.grid}; reconstruct both on the same one"
         )
     shape = a.grid.shape
-    grids = [window_grid(shape, size, settings.overlap) for size in settings.windows]
-    plan = [
-        grid for grid in grids for _ in range(settings.fine_passes if grid is grids[-1] else settings.coarse_passes)
-    ]
+    plan = [window_grid(shape, size, settings.overlap) for size in settings.passes]
     a, b = (compressed(volume, settings.intensity_exponent) for volume in (a, b))
     predictor: SplineField | None = None
     for number, windows in enumerate(plan, 1):
@@ -198,7 +195,7 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
         if predictor is None:
             result = first_pass(a, b, windows, settings, report, scatter)
         else:
-            search = settings.residual_search if windows is grids[-1] else settings.search
+            search = settings.residual_search if windows.size == plan[-1].size else settings.search
             result = correlation_pass(a, b, windows, predictor, settings, search, report, scatter)
         valid, displacement = _validated(result, settings)
         if number < len(plan):

@@ -50,6 +50,12 @@ class CorrelationSettings:
     outlier_floor_voxels: float = 0.1
     filter_predictor: bool = True
 
+    @property
+    def passes(self) -> list[Size]:
+        """The window of each pass in turn."""
+        coarse = [window for window in self.windows[:-1] for _ in range(self.coarse_passes)]
+        return [*coarse, *[self.windows[-1]] * self.fine_passes]
+
     def __post_init__(self) -> None:
         if not self.windows or any(len(w) != 3 or min(w) < 8 for w in self.windows):
             raise PlenoPIVError(

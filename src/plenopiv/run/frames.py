@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,6 +34,7 @@ from plenopiv.reconstruction.focus import focus_weight
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
 from plenopiv.report import projections, raw_crops, write_report
+from plenopiv.run import duration
 from plenopiv.run.memory import estimate, peak_so_far
 from plenopiv.velocity import velocity_dataset
 
@@ -104,6 +106,17 @@ def run(
         for k in range(2):  # before long work begins; later frames when their turn comes
             recording.frame(k)
         log.info("memory: about %.2g GB", needed.peak / 1e9)
+        correlation = experiment.correlation.settings()
+        takes = duration.estimate(
+            camera,
+            projector.grid,
+            rounds=experiment.reconstruction.iterations,
+            windows=correlation.passes,
+            overlap=correlation.overlap,
+            threads=numba.get_num_threads(),
+            every_voxel=experiment.reconstruction.method == "mart",
+        )
+        log.info("time: about %s", duration.spoken(takes.run(len(recording))))
         if memory_gb is not None:
             needed.keep_within(1e9 * memory_gb)
 
@@ -122,6 +135,8 @@ def run(
             return image, found
 
         image, before = reconstructed(0)
+        left = takes.left(len(recording), clock.seconds["reconstruction"])
+        log.info("%s reconstructed; about %s left", recording.frame_paths[0].name, duration.spoken(left))
         crops, views = raw_crops(image, camera, recording.frame_paths[0].name), projections(before.volume)
         names = [path.name for path in recording.frame_paths]
         frames, fields = {names[0]: _frame_summary(before)}, []
@@ -130,7 +145,7 @@ def run(
             frames[names[k]] = _frame_summary(after)
             with clock("correlation"):
                 first, second = (found.volume.with_planes_scaled(weight) for found in (before, after))
-                field = measure(first, second, experiment.correlation.settings(), report)
+                field = measure(first, second, correlation, report)
             dt_s = recording.dt_s
             fields.append(velocity_dataset(field, projector.grid, dt_s, time_s=(k - 0.5) * dt_s))
             before = after
@@ -148,6 +163,7 @@ def run(
             "median_peak_ratio": float(np.nanmedian(velocity.peak_ratio.values)),
             "memory_estimate_gb": needed.peak / 1e9,
             "warnings": [str(w.message) for w in caught],
+            "time_estimate_s": round(takes.run(len(recording)), 1),
             "timings_s": clock.seconds,
             "peak_memory_gb": clock.peak_gb,
         }

@@ -1,0 +1,78 @@
+"""Predicted and measured times of the runs of docs/accuracy.md:  scaling.py SCORES RECORDINGS [--fit]
+
+SCORES: the scores.jsonl of benchmarks/accuracy/run_conditions.py; RECORDINGS: the folder of its recordings. Writes
+scaling.json beside this file and prints a table; --fit also prints the costs that fit best.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from scipy.optimize import least_squares
+
+from plenopiv.experiment import Experiment
+from plenopiv.run import duration
+
+HERE = Path(__file__).parent
+COSTS = ("READ", "TRACE", "VOXEL", "WINDOW")
+
+
+def predicted(experiment: Experiment) -> duration.TimeEstimate:
+    """As the run itself says."""
+    correlation = experiment.correlation.settings()
+    return duration.estimate(
+        experiment.camera(),
+        experiment.grid(),
+        rounds=experiment.reconstruction.iterations,
+        windows=correlation.passes,
+        overlap=correlation.overlap,
+        threads=numba.get_num_threads(),
+        every_voxel=experiment.reconstruction.method == "mart",
+    )
+
+
+def main() -> None:
+    """Read, predict, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scores", type=Path)
+    parser.add_argument("recordings", type=Path)
+    parser.add_argument("--fit", action="store_true")
+    asked = parser.parse_args()
+    runs: dict[str, tuple[Experiment, dict[str, Any]]] = {}
+    for text in asked.scores.read_text().splitlines():
+        line = json.loads(text)
+        if "score" in line:
+            runs[line["name"]] = Experiment.load(asked.recordings / line["name"] / "experiment.toml"), line["summary"]
+    frames = np.array([s["timings_s"]["reconstruction"] / len(s["frames"]) for _, s in runs.values()])
+    pairs = np.array([s["timings_s"]["correlation"] for _, s in runs.values()])
+    if asked.fit:
+
+        def misses(logarithms: np.ndarray) -> np.ndarray:
+            for name, value in zip(COSTS, np.exp(logarithms), strict=True):
+                setattr(duration, name, value)
+            found = [predicted(e) for e, _ in runs.values()]
+            return np.log(
+                np.array([f.frame for f in found] + [f.pair for f in found]) / np.concatenate([frames, pairs])
+            )
+
+        fitted = least_squares(misses, np.log([getattr(duration, name) for name in COSTS]), loss="soft_l1", f_scale=0.1)
+        print({name: float(f"{v:.2g}") for name, v in zip(COSTS, np.exp(fitted.x), strict=True)})
+    found = {}
+    print("| run | voxels, millions | frame, s | predicted | pair, s | predicted | all, ratio |")
+    print("|---|---:|---:|---:|---:|---:|---:|")
+    for (name, (experiment, summary)), frame, pair in zip(runs.items(), frames, pairs, strict=True):
+        guess = predicted(experiment)
+        whole, measured = guess.run(len(summary["frames"])), sum(summary["timings_s"].values())
+        found[name] = summary["voxels"], frame, guess.frame, pair, guess.pair, measured, whole
+        cells = summary["voxels"] / 1e6, frame, guess.frame, pair, guess.pair
+        print(f"| {name} | {' | '.join(f'{cell:.1f}' for cell in cells)} | {whole / measured:.2f} |")
+    (HERE / "scaling.json").write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""What time a run will take, before it starts, and what is left of it.
+
+Costs of one core of the machine in docs/speed.md, fitted to the runs of docs/accuracy.md; benchmarks/speed/scaling.py
+has predicted beside measured times. Another machine, or an unusual density of particles, shows when the first frame is
+done: what is left is then scaled by what that one took.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import pi, prod
+
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.volume import VoxelGrid
+
+READ = 6.0e-9  # s, a pixel in a plane, forth and back in one round
+TRACE = 1.0e-9  # s, a pixel in a plane, asked by dense ray tracing
+VOXEL = 1.0e-7  # s, a voxel: ruled out, listed, or corrected in the first round
+EVERY_VOXEL = 1.0e-6  # s, a voxel in one round where all are candidates
+WINDOW = 6.0e-8  # s, a voxel of a window in one pass
+START = 4.0  # s, calibration, libraries, report
+
+
+@dataclass(frozen=True)
+class TimeEstimate:
+    """Seconds of a frame's reconstruction, a pair's correlation, and all else."""
+
+    frame: float
+    pair: float
+    start: float = START
+
+    def run(self, frames: int) -> float:
+        """Seconds of a run of so many frames."""
+        return self.start + frames * self.frame + (frames - 1) * self.pair
+
+    def left(self, frames: int, took: float) -> float:
+        """Seconds left after the first of so many frames, which took ``took``."""
+        return took / self.frame * ((frames - 1) * (self.frame + self.pair))
+
+
+def estimate(
+    camera: PlenopticCamera,
+    grid: VoxelGrid,
+    *,
+    rounds: int,
+    windows: Iterable[tuple[int, int, int]],
+    overlap: float,
+    threads: int,
+    every_voxel: bool = False,
+) -> TimeEstimate:
+    """Estimate the time of a run. ``windows``: of each pass in turn, voxels along x, y, z."""
+    sensor = camera.sensor
+    area = sensor.columns * sensor.rows * sensor.pixel_pitch_mm**2
+    lenses = area / (camera.lattice.cell_area_mm2 * (1 + camera.image_scale) ** 2)
+    pixels = lenses * pi * camera.aperture_radius_px**2 * grid.shape[0]  # as often as there are planes
+    frame = rounds * READ * pixels + VOXEL * grid.size
+    frame += rounds * EVERY_VOXEL * grid.size if every_voxel else TRACE * pixels
+    pair = 0.0
+    for window in windows:
+        along = zip(grid.shape[::-1], window, strict=True)
+        count = prod(max(1, (total - n) // max(1, round(n * (1 - overlap))) + 1) for total, n in along)
+        pair += WINDOW * count * prod(window)
+    return TimeEstimate(frame / threads, pair / threads)
+
+
+def spoken(seconds: float) -> str:
+    """As a person would say it."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

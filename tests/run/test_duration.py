@@ -1,0 +1,33 @@
+"""Predicted times."""
+
+import pytest
+
+from plenopiv.run.duration import estimate, spoken
+
+WINDOWS = [(32, 32, 16)] * 2
+
+
+def guess(experiment, **changes):
+    settings = {"rounds": 5, "windows": WINDOWS, "overlap": 0.5, "threads": 2} | changes
+    return estimate(experiment.camera(), experiment.grid(), **settings)
+
+
+def test_what_takes_longer(experiment):
+    usual = guess(experiment)
+    assert usual.frame > guess(experiment, rounds=3).frame > guess(experiment, rounds=1).frame
+    assert guess(experiment, every_voxel=True).frame > usual.frame
+    assert guess(experiment, windows=WINDOWS * 2).pair == pytest.approx(2 * usual.pair)
+    assert guess(experiment, overlap=0.75).pair > usual.pair
+    one = guess(experiment, threads=1)
+    assert (one.frame, one.pair) == pytest.approx((2 * usual.frame, 2 * usual.pair))
+
+
+def test_frames_and_pairs(experiment):
+    usual = guess(experiment)
+    assert usual.run(5) - usual.run(4) == pytest.approx(usual.frame + usual.pair)
+    # twice as slow a first frame: all that follows is expected to be
+    assert usual.left(3, 2 * usual.frame) == pytest.approx(4 * (usual.frame + usual.pair))
+
+
+def test_spoken():
+    assert [spoken(s) for s in (4.4, 89, 600, 9000)] == ["4 s", "89 s", "10 min", "2.5 h"]
