@@ -42,7 +42,7 @@ def at_offset(
     pieces = np.array_split(np.arange(len(corners)), min(4 * numba.get_num_threads(), len(corners)))
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
         for layer, start in enumerate(windows.starts[0].tolist()):
-            reach = int(np.ceil(np.abs(out[layer, :, 2]).max() / 2)) + MOVES
+            reach = min(int(np.ceil(np.abs(out[layer, :, 2]).max() / 2)), depth // 4) + MOVES
             lo, hi = max(start - reach, 0), min(start + depth + reach, planes)
             both = a.slab(lo, hi), b.slab(lo, hi)
 
@@ -53,6 +53,7 @@ def at_offset(
                 out[layer, part], found[layer, part] = vectors, again
 
             list(pool.map(work, pieces))
+            del both, work  # before the next layer's planes are made
     return np.moveaxis(out.reshape(nz, ny, nx, 3), -1, 0), found.reshape(nz, ny, nx)
 
 

@@ -19,7 +19,7 @@ TRACE = 1.0e-9  # s, a pixel in a plane, asked by dense ray tracing
 VOXEL = 1.0e-7  # s, a voxel: ruled out, listed, or corrected in the first round
 EVERY_VOXEL = 1.0e-6  # s, a voxel in one round where all are candidates
 WINDOW = 6.0e-8  # s, a voxel of a window in one pass
-START = 4.0  # s, calibration, libraries, report
+START = 2.2  # s, calibration, libraries, report
 
 
 @dataclass(frozen=True)
