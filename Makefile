@@ -38,6 +38,7 @@ bench-full: bench  ## and all conditions of docs/accuracy.md, the paper's full s
 	$(BIN)/python benchmarks/accuracy/run_conditions.py full
 	$(BIN)/python benchmarks/accuracy/table.py
 	$(BIN)/python benchmarks/speed/memory.py build/accuracy/scores.jsonl
+	$(BIN)/python benchmarks/speed/scaling.py build/accuracy/scores.jsonl build/accuracy
 	$(BIN)/python benchmarks/speed/page.py
 
 figures: $(VENV)/.ready  ## draw the pictures of the README from the demo

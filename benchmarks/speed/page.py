@@ -126,12 +126,25 @@ def memory(found: dict[str, Any]) -> str:
     return table("run | voxels, millions | announced, GB | taken, GB | ratio", rows)
 
 
+def scaling(found: dict[str, Any]) -> str:
+    """Predicted and measured times."""
+    rows = []
+    for name, (voxels, frame, guess, pair, guess_pair, measured, whole) in found.items():
+        cells = voxels / 1e6, frame, guess, pair, guess_pair
+        rows.append([name, *(f"{cell:.1f}" for cell in cells), f"{whole / measured:.2f}"])
+    header = (
+        "run | voxels, millions | a frame, s | predicted | a pair, s | predicted | whole run, predicted over measured"
+    )
+    return table(header, rows)
+
+
 PARTS = {
     "Reconstruction": ("reconstruction", reconstruction),
     "Peers that store their weights": ("peers", peers),
     "Correlation beside OpenPIV": ("../correlation/results", correlation),
     "Kernels and their limits": ("limits", limits),
     "Start and threads": ("start_and_threads", start_and_threads),
+    "Time predicted and taken": ("scaling", scaling),
     "Memory announced and taken": ("memory", memory),
 }
 

@@ -11,7 +11,7 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.volume import VoxelGrid
 
 KIB = 1024
-LISTED = 0.33  # share of the voxels that dense ray tracing leaves, in a deep and densely seeded volume
+LISTED = 0.36  # share of the voxels that dense ray tracing leaves, in a deep and densely seeded volume
 BASE = 260e6  # interpreter, libraries and compiled kernels, bytes
 REPORT = 430e6  # the same with all that draws the report
 
