@@ -135,7 +135,7 @@ def scaling(found: dict[str, Any]) -> str:
     header = (
         "run | voxels, millions | a frame, s | predicted | a pair, s | predicted | whole run, predicted over measured"
     )
-    return table(header, rows)
+    return "![predicted over measured seconds](images/scaling.png)\n\n" + table(header, rows)
 
 
 PARTS = {

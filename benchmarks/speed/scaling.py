@@ -1,7 +1,7 @@
 """Predicted and measured times of the runs of docs/accuracy.md:  scaling.py SCORES RECORDINGS [--fit]
 
 SCORES: the scores.jsonl of benchmarks/accuracy/run_conditions.py; RECORDINGS: the folder of its recordings. Writes
-scaling.json beside this file and prints a table; --fit also prints the costs that fit best.
+scaling.json beside this file, docs/images/scaling.png, and prints a table; --fit also prints the costs that fit best.
 """
 
 from __future__ import annotations
@@ -34,6 +34,21 @@ def predicted(experiment: Experiment) -> duration.TimeEstimate:
         threads=numba.get_num_threads(),
         every_voxel=experiment.reconstruction.method == "mart",
     )
+
+
+def draw(found: dict[str, tuple[float, ...]]) -> None:
+    """Predicted over measured, of frames and of pairs."""
+    from matplotlib import pyplot as plt
+
+    _, frame, guess, pair, guess_pair, *_ = np.array(list(found.values())).T
+    figure, axes = plt.subplots(figsize=(5, 4.5), layout="constrained")
+    line = np.array([min(pair.min(), guess_pair.min()) / 1.5, max(frame.max(), guess.max()) * 1.5])
+    axes.fill_between(line, line / 1.3, line * 1.3, color="0.9", label="within 30 %")
+    axes.loglog(frame, guess, "o", label="a frame's reconstruction")
+    axes.loglog(pair, guess_pair, "s", label="a pair's correlation")
+    axes.set(xlabel="measured, s", ylabel="predicted, s", xlim=line, ylim=line)
+    axes.legend()
+    figure.savefig(HERE.parents[1] / "docs" / "images" / "scaling.png", dpi=120)
 
 
 def main() -> None:
@@ -71,6 +86,7 @@ def main() -> None:
         found[name] = summary["voxels"], frame, guess.frame, pair, guess.pair, measured, whole
         cells = summary["voxels"] / 1e6, frame, guess.frame, pair, guess.pair
         print(f"| {name} | {' | '.join(f'{cell:.1f}' for cell in cells)} | {whole / measured:.2f} |")
+    draw(found)
     (HERE / "scaling.json").write_text(json.dumps(found, indent=1) + "\n")
 
 

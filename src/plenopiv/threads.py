@@ -8,6 +8,7 @@ entered by two callers at once, as those of a cluster's worker do.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -22,6 +23,10 @@ RANGES = 1  # a thread: to call a kernel takes 0.1 ms
 @lru_cache(maxsize=4)
 def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, "plenopiv")
+
+
+if hasattr(os, "register_at_fork"):  # a forked process has the pool without its threads
+    os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 def in_threads(kernel: Callable[..., Any], count: int, *arguments: Any) -> None:

@@ -1,0 +1,52 @@
+"""Ranges dealt out to threads."""
+
+import os
+import threading
+
+import numba
+import numpy as np
+import pytest
+
+from plenopiv.threads import in_threads
+
+
+def mark(begin, end, seen):
+    seen[begin:end] += 1
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 17])
+def test_each_item_once(count):
+    seen = np.zeros(count, int)
+    in_threads(mark, count, seen)
+    assert (seen == 1).all()
+
+
+def test_what_a_range_raises_is_raised():
+    def fails(begin, end):
+        raise ValueError(f"{begin}")
+
+    with pytest.raises(ValueError):
+        in_threads(fails, 4)
+
+
+def test_several_callers_at_once():
+    seen = [np.zeros(1000, int) for _ in range(4)]
+    callers = [threading.Thread(target=in_threads, args=(mark, 1000, s)) for s in seen]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join(10)
+    assert all((s == 1).all() for s in seen)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one thread only")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_forked_process_has_threads_of_its_own():
+    in_threads(mark, 8, np.zeros(8, int))
+    child = os.fork()
+    if child == 0:
+        seen = np.zeros(8, int)
+        in_threads(mark, 8, seen)
+        os._exit(int(not (seen == 1).all()))
+    assert os.waitpid(child, 0)[1] == 0
