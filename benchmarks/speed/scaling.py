@@ -64,7 +64,7 @@ def main() -> None:
         if "score" in line:
             runs[line["name"]] = Experiment.load(asked.recordings / line["name"] / "experiment.toml"), line["summary"]
     frames = np.array([s["timings_s"]["reconstruction"] / len(s["frames"]) for _, s in runs.values()])
-    pairs = np.array([s["timings_s"]["correlation"] for _, s in runs.values()])
+    pairs = np.array([s["timings_s"]["correlation"] / (len(s["frames"]) - 1) for _, s in runs.values()])
     if asked.fit:
 
         def misses(logarithms: np.ndarray) -> np.ndarray:

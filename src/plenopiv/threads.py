@@ -1,8 +1,8 @@
 """Kernels on several threads.
 
 A kernel takes the range of its rows, planes or items first, ``kernel(begin, end, ...)``, and lets go of Python's lock.
-Ranges are dealt out to Numba's number of threads (``NUMBA_NUM_THREADS``) as these get free; what a range writes must
-not depend on the others. Numba's own parallel loops compile twice as long, and some of its thread pools may not be
+Each of Numba's number of threads (``NUMBA_NUM_THREADS``) takes one range; what a range writes must not depend on the
+others. Numba's own parallel loops compile twice as long, and some of its thread pools may not be
 entered by two callers at once, as those of a cluster's worker do.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -39,6 +39,9 @@ def in_threads(kernel: Callable[..., Any], count: int, *arguments: Any) -> None:
     bounds = [count * k // (RANGES * threads) for k in range(RANGES * threads + 1)]
     ranges = [part for part in pairwise(bounds) if part[0] < part[1]]
     jobs = [_pool(threads - 1).submit(kernel, *part, *arguments) for part in ranges[1:]]
-    kernel(*ranges[0], *arguments)
+    try:
+        kernel(*ranges[0], *arguments)
+    finally:
+        wait(jobs)  # nothing is written any more once this returns, or raises
     for job in jobs:
         job.result()

@@ -23,9 +23,9 @@ def test_each_item_once(count):
 
 def test_what_a_range_raises_is_raised():
     def fails(begin, end):
-        raise ValueError(f"{begin}")
+        raise ValueError("a range")
 
-    with pytest.raises(ValueError):
+    with pytest.raises(ValueError, match="a range"):
         in_threads(fails, 4)
 
 

@@ -123,11 +123,14 @@ def first_pass(
     scatter: bool = False,
 ) -> PassResult:
     """Correlate all windows of two volumes as they are, validate, and find each vector again between windows offset by
-    its whole voxels. Arguments as for ``correlation_pass``."""
+    its whole voxels. Arguments as for ``correlation_pass``; peak ratio and variance are those of the first look."""
     result = correlation_pass(a, b, windows, None, settings, settings.search, step_done, scatter)
     valid, displacement = _validated(result, settings)
     again, found = at_offset(a, b, windows, displacement)
-    return replace(result, displacement=again, found=valid | found)
+    # what is not found again stays as the transforms had it; a vector that was not valid has no second peak
+    displacement = np.where(found | valid, again, result.displacement)
+    ratio = np.where(found & ~valid, np.float32(0.0), result.peak_ratio)
+    return replace(result, displacement=displacement, found=valid | found, peak_ratio=ratio)
 
 
 def window_cuts(windows: WindowGrid, predictor: SplineField, shape: tuple[int, int, int]) -> NDArray[np.float64]:
@@ -151,7 +154,7 @@ def window_cuts(windows: WindowGrid, predictor: SplineField, shape: tuple[int, i
 
 
 def compressed(volume: Volume, exponent: float) -> Volume:
-    """The volume with its intensities raised to a power; negative ones count as none."""
+    """The volume with its intensities raised to a power, other than 1 with negative ones as none."""
     if exponent == 1.0:
         return volume
     values = np.maximum(volume.values, np.float32(0.0))

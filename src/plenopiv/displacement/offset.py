@@ -32,8 +32,10 @@ def at_offset(
     a: Volume, b: Volume, windows: WindowGrid, first: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Displacements (3, nz, ny, nx) of the windows of ``a`` to those of ``b``, in voxels, found anew between windows
-    offset by the whole voxels of ``first``; and where (nz, ny, nx) one was found. Elsewhere, where a window would leave
-    the volume or none of those is a maximum, they stay as they are."""
+    offset by the whole voxels of ``first``; and where (nz, ny, nx) one was found. Elsewhere, where a window with a
+    voxel around it does not fit into the volume (none does where it fills an axis) or none of those is a maximum, they
+    stay as they are. At the volume's faces both windows move inward, by an eighth of their size at most, and the vector
+    is that of the place where they then are."""
     nz, ny, nx = windows.shape
     out = np.moveaxis(first, 0, -1).reshape(nz, ny * nx, 3).copy()
     found = np.zeros((nz, ny * nx), bool)

@@ -41,6 +41,7 @@ class MappedViews:
         self._by_row = np.argsort(np.sign(downwards) * self.lens_mm[:, 1], kind="stable")
         self._widest = widest(self.maps)
         self._met: dict[int, NDArray[np.int32]] = {}
+        self._kept = 0
         self._last: tuple[tuple[int, ...], NDArray[np.int64], Views] | None = None
 
     def forward(self, views: NDArray[np.int64], volume: SparseVolume) -> NDArray[np.float32]:
@@ -65,7 +66,8 @@ class MappedViews:
 
     def look(self, views: NDArray[np.int64]) -> tuple[NDArray[np.int64], Views]:
         """The lenses whose pixels in views are equations and may meet a voxel, view by view, and those pixels."""
-        if self._last is None or self._last[0] != tuple(views):
+        last_seen = self._last  # of this caller, should there be several
+        if last_seen is None or last_seen[0] != tuple(views):
             first, last = self.planes[[0, -1], geometry.Plane._fields.index("spread")]
             lenses = [self._meeting(view) for view in views]
             start = np.cumsum([0, *(found.size for found in lenses)])
@@ -74,8 +76,9 @@ class MappedViews:
                 (m, n), rim, part = self.layout.offsets[view].astype(np.float32), bool(self.rim[view]), start[k : k + 2]
                 look(self.rows, found, m, n, rim, self.lens_mm, self.layout.phase, first, last, *part, pixels)
             middle = -self.layout.offsets[views, 1].astype(np.float32)
-            self._last = tuple(views), np.concatenate(lenses), Views(pixels, start, first, middle, self.rim[views])
-        return self._last[1:]
+            last_seen = tuple(views), np.concatenate(lenses), Views(pixels, start, first, middle, self.rim[views])
+            self._last = last_seen
+        return last_seen[1:]
 
     def _meeting(self, view: int) -> NDArray[np.int32]:
         """The lenses whose pixel in a view is an equation and may meet a voxel, sorted by row."""
@@ -86,8 +89,8 @@ class MappedViews:
         meets = self.layout.seen[view] & (column.min(0) < nx + wide) & (column.max(0) > -wide - 1)
         meets &= (row.min(0) < ny + high) & (row.max(0) > -high - 1)
         found = self._by_row[meets[self._by_row]].astype(np.int32)
-        if sum(lenses.size for lenses in self._met.values()) < KEPT:
-            self._met[view] = found
+        if self._kept < KEPT:
+            self._met[view], self._kept = found, self._kept + found.size
         return found
 
     def _kernel_arguments(self, volume: SparseVolume, pixels: Views):

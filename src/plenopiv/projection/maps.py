@@ -88,7 +88,7 @@ def outer_products(shares: NDArray[np.float32]) -> list[NDArray[np.float64]]:
     (voxels, rows), then its row for every voxel along x, in one array; none where it takes more than MOST_PARTS."""
     voxels, _, rows, columns = shares.shape
     matrix = shares.transpose(0, 2, 1, 3).reshape(voxels * rows, voxels * columns).astype(np.float64)
-    down, strength, across = np.linalg.svd(matrix)
+    down, strength, across = np.linalg.svd(matrix, full_matrices=False)
     count = int((strength > PART * strength[0]).sum())
     if count > MOST_PARTS:
         return []

@@ -64,7 +64,7 @@ def mart(
         order, spoken = rng.permutation(projector.views), 0
         while spoken < order.size:
             views = order[spoken : spoken + together]
-            light = projector.forward(views, working)
+            light = np.maximum(projector.forward(views, working), 0.0)  # outer products may leave a little less
             ratio = measured[views] / (light + np.float32(floor))
             squares += float(np.sum(((values[views] - light) * seen[views]) ** 2, dtype=np.float64))
             projector.multiply(views, np.where(seen[views], ratio**power - 1.0, 0.0), working)

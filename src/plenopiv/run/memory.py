@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from math import pi
+from math import ceil, floor, pi
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError
@@ -44,14 +44,15 @@ class MemoryEstimate:
         """Raise PlenoPIVError, which says what would fit, where ``peak`` is more than ``limit`` bytes."""
         if self.peak <= limit:
             return
-        room = limit - (self.peak - self.volumes)
-        takes = f"--memory {limit / 1e9:g}: this run takes about {self.peak / 1e9:.2g} GB"
-        if self.volumes == 0 or room <= 0:
-            raise PlenoPIVError(f"{takes}, {(self.peak - self.volumes) / 1e9:.2g} GB of it for anything but voxels")
-        larger = (self.volumes / room) ** (1 / 3)
+        least = max(BASE + self.light_field, REPORT) + self.images
+        room = limit - BASE - self.light_field - self.images
+        takes = f"this run takes about {self.peak / 1e9:.2f} GB, more than the {limit / 1e9:.2f} GB allowed"
+        if limit < least or self.volumes <= 0:
+            raise PlenoPIVError(f"memory: {takes}; {least / 1e9:.2f} GB of it for anything but voxels")
+        larger = ceil(100 * (self.volumes / room) ** (1 / 3)) / 100
         raise PlenoPIVError(
-            f"{takes}; voxels {larger:.2f} times as large along each axis (volume.voxel_mm), "
-            f"or {100 * room / self.volumes:.0f} % of the volume (volume.z_mm, x_mm, y_mm), would fit"
+            f"memory: {takes}; voxels {larger:.2f} times as large along each axis (volume.voxel_mm), "
+            f"or {floor(1000 * room / self.volumes) / 10:.1f} % of the volume (volume.z_mm, x_mm, y_mm), would fit"
         )
 
 
