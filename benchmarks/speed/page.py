@@ -91,9 +91,7 @@ def peers(found: dict[str, Any]) -> str:
             left = "" if r is found["richardson-lucy"] else f"{f['residual']:.0f}"  # of another image
             rows.append([f"{size}: {name}", f"{f['seconds']:.2f}", f"{f['gb']:.2f}", left])
     rounds = found["rounds"]
-    said = (
-        f"{rounds} rounds from an image (pyolaf one, times {rounds}), without what it takes to compute stored weights:"
-    )
+    said = f"{rounds} rounds from an image (pyolaf one, times {rounds}), stored weights given:"
     return f"{said}\n\n" + table("voxels and method | s | GB | residual, counts RMS", rows)
 
 

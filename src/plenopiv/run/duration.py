@@ -14,11 +14,11 @@ from math import pi, prod
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.volume import VoxelGrid
 
-READ = 6.0e-9  # s, a pixel in a plane, forth and back in one round
-TRACE = 1.0e-9  # s, a pixel in a plane, asked by dense ray tracing
-VOXEL = 1.0e-7  # s, a voxel: ruled out, listed, or corrected in the first round
-EVERY_VOXEL = 1.0e-6  # s, a voxel in one round where all are candidates
-WINDOW = 6.0e-8  # s, a voxel of a window in one pass
+READ = 5.1e-9  # s, a pixel in a plane, forth and back in one round
+TRACE = 7.7e-10  # s, a pixel in a plane, asked by dense ray tracing
+VOXEL = 5.5e-7  # s, a voxel: ruled out, listed, or corrected in the first round
+EVERY_VOXEL = 1.0e-7  # s, a voxel in one round where all are candidates
+WINDOW = 2.0e-8  # s, a voxel of a window in one pass
 START = 2.2  # s, calibration, libraries, report
 
 
