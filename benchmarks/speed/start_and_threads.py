@@ -18,6 +18,7 @@ from pathlib import Path
 
 DEMO = """
 import sys, time
+import plenopiv.cli  # says how Numba is to optimise
 from numba.core import event
 class Compilation(event.Listener):
     depth, begin, seconds = 0, 0.0, 0.0

@@ -119,15 +119,10 @@ def correlations(a, b, at, to, size, c):
         if some == np.float32(0):
             continue
         total += float(some)
-        before, middle, after = planes[(k + 1) % 3], planes[(k + 2) % 3], planes[k % 3]
-        centre, count = wide + 1, ny * wide - 2
-        products[0] += product_of(own, middle, centre, count)
-        products[1] += product_of(own, before, centre, count)
-        products[2] += product_of(own, after, centre, count)
-        products[3] += product_of(own, middle, 1, count)
-        products[4] += product_of(own, middle, 2 * wide + 1, count)
-        products[5] += product_of(own, middle, wide, count)
-        products[6] += product_of(own, middle, wide + 2, count)
+        for n in range(7):
+            along_z, along_y, along_x = (n == 2) - (n == 1), (n == 4) - (n == 3), (n == 6) - (n == 5)
+            begin = (1 + along_y) * wide + 1 + along_x
+            products[n] += product_of(own, planes[(k + 2 + along_z) % 3], begin, ny * wide - 2)
     count = nz * ny * nx
     mean = total / count
     for n in range(7):

@@ -122,19 +122,19 @@ def roll(strip, width, kept, lines):
     strip[left : lines * width] = F(0)
 
 
-@kernel
+@inlined
 def first_line(shape, j):
     """The first row of its map that the voxels of row j of a plane reach."""
     return ((shape[4] * j) >> shape[5]) + 2
 
 
-@kernel
+@inlined
 def rows_before(shape, line, ny):
     """The number of rows of voxels that reach only rows of a map before ``line``."""
     return min((((line - 1 - shape[2]) << shape[5]) - 1) // shape[4] + 1, ny)
 
 
-@kernel
+@inlined
 def size_of(shape):
     """Rows and columns of a map, and points to a voxel."""
     return shape[0], shape[1], F(shape[4]) / F(1 << shape[5])
@@ -213,7 +213,7 @@ def lines_of(shape):
     return np.empty((1 + (1 << shift), width), np.float32)
 
 
-@kernel
+@inlined
 def listed(row_start, ny, k):
     """Where the rows of plane k begin in the list of voxels, and whether it holds any."""
     rows = row_start[k * ny : (k + 1) * ny + 1]
