@@ -29,6 +29,7 @@ from plenopiv.displacement.multigrid import correlation_pass
 from plenopiv.displacement.predictor import fit_spline
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.windows import window_grid
+from plenopiv.projection.projector import Projector
 from plenopiv.reconstruction.candidates import most_light
 from plenopiv.reconstruction.chain import reconstruct
 from plenopiv.reconstruction.noise import Noise, dark_noise
@@ -103,7 +104,9 @@ class StoredPairs:
     """Indices and weights of ``views`` as rows of voxels; probed on a list of voxels short enough to be stored."""
 
     def __init__(self, volume: SparseVolume, views: np.ndarray) -> None:
-        self.views = [m.tocsr() for m in shares(SCENE.projector, volume, views)]  # type: ignore[call-arg]
+        self.views = [
+            m.tocsr() for m in shares(Projector(SCENE.lightfield.layout, SCENE.grid, "polygons"), volume, views)
+        ]  # type: ignore[call-arg]
         self.pairs = sum(m.nnz for m in self.views)
         self.images = np.zeros((numba.get_num_threads(), SCENE.projector.layout.lenses), np.float32)
 
