@@ -2,31 +2,46 @@
 
 A kernel takes the range of its rows, planes or items first, ``kernel(begin, end, ...)``, and lets go of Python's lock.
 Each of Numba's number of threads (``NUMBA_NUM_THREADS``) takes one range; what a range writes must not depend on the
-others. Numba's own parallel loops compile twice as long, and some of its thread pools may not be
-entered by two callers at once, as those of a cluster's worker do.
+others. Numba's own parallel loops compile twice as long, and some of its thread pools may not be entered by two callers
+at once, as those of a cluster's worker do.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
 from functools import lru_cache
 from itertools import pairwise
+from queue import SimpleQueue
+from threading import Thread
 from typing import Any
 
 import numba
 
-RANGES = 1  # a thread: to call a kernel takes 0.1 ms
+
+def _work(jobs: SimpleQueue) -> None:
+    """Do jobs for ever: call, and say what was raised."""
+    while True:
+        kernel, part, arguments, done = jobs.get()
+        try:
+            kernel(*part, *arguments)
+            done.put(None)
+        except BaseException as error:
+            done.put(error)
+        del kernel, arguments, done  # arrays are not held while nothing is to do
 
 
-@lru_cache(maxsize=4)
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, "plenopiv")
+@lru_cache(maxsize=1)
+def _jobs(threads: int) -> SimpleQueue:
+    """The queue that so many threads of this process work off; handing over takes a tenth of what futures take."""
+    jobs: SimpleQueue = SimpleQueue()
+    for n in range(threads):
+        Thread(target=_work, args=(jobs,), name=f"plenopiv-{n}", daemon=True).start()
+    return jobs
 
 
-if hasattr(os, "register_at_fork"):  # a forked process has the pool without its threads
-    os.register_at_fork(after_in_child=_pool.cache_clear)
+if hasattr(os, "register_at_fork"):  # a forked process has the queue without its threads
+    os.register_at_fork(after_in_child=_jobs.cache_clear)
 
 
 def in_threads(kernel: Callable[..., Any], count: int, *arguments: Any) -> None:
@@ -36,12 +51,15 @@ def in_threads(kernel: Callable[..., Any], count: int, *arguments: Any) -> None:
     if threads == 1 or count < 2:
         kernel(0, count, *arguments)
         return
-    bounds = [count * k // (RANGES * threads) for k in range(RANGES * threads + 1)]
-    ranges = [part for part in pairwise(bounds) if part[0] < part[1]]
-    jobs = [_pool(threads - 1).submit(kernel, *part, *arguments) for part in ranges[1:]]
+    bounds = [count * k // threads for k in range(threads + 1)]
+    mine, *others = (part for part in pairwise(bounds) if part[0] < part[1])
+    jobs, done = _jobs(threads - 1), SimpleQueue[BaseException | None]()
+    for part in others:
+        jobs.put((kernel, part, arguments, done))
     try:
-        kernel(*ranges[0], *arguments)
+        kernel(*mine, *arguments)
     finally:
-        wait(jobs)  # nothing is written any more once this returns, or raises
-    for job in jobs:
-        job.result()
+        raised = [done.get() for _ in others]  # nothing is written any more once this returns, or raises
+    for error in raised:
+        if error is not None:
+            raise error
