@@ -69,11 +69,11 @@ def shaded(ax: Axes, found: Blocks, outline: float) -> PolyCollection:
 
 
 def save(figure: plt.Figure, file: Path) -> None:
-    """Write a figure, with 200 colours: lines over shades make large files otherwise."""
+    """Write a figure, with few colours: lines over shades make large files otherwise."""
     file.parent.mkdir(parents=True, exist_ok=True)
     drawn = BytesIO()
     figure.savefig(drawn, dpi=100, facecolor="white")
-    Image.open(drawn).convert("RGB").quantize(200, dither=Image.Dither.NONE).save(file, optimize=True)
+    Image.open(drawn).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(file, optimize=True)
     plt.close(figure)
 
 

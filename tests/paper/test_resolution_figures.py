@@ -48,7 +48,7 @@ def test_numbers_are_sane(reduced, where):
             assert row["y_mean_um"] <= row["y_largest_um"] / 2 <= pitch / 2 * 1.01
         assert of["in_space"]["square_y_um"][0] == pytest.approx(pitch / 2, rel=1e-4)
         # in focus a block is 0.616 mm (1 - max(|x|, |y|)/(p/2)) deep, in the mean a third of 0.616 mm; half is free
-        assert of["in_space"]["square_z_um"][0] == pytest.approx(616 / 6, rel=0.02)
+        assert of["in_space"]["square_z_um"][0] == pytest.approx(616 / 6, rel=0.05 if where == "reduced" else 0.005)
     for band in (2, 3):  # outside the dead zone depth gains with PMR
         assert all(b < a for a, b in pairwise(numbers[n]["free_shift_by_depth"][band]["z_mean_um"] for n in PITCH_UM))
 
