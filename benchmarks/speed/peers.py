@@ -36,7 +36,7 @@ sys.path.append(str(Path(__file__).parents[1] / "reconstruction"))
 from pixel_sequential import light_of_a_pixel, shares
 
 HERE = Path(__file__).parent
-SIZES = ((40, 40, 40), (80, 80, 50), (120, 120, 80))
+SIZES = ((40, 40, 40), (80, 80, 50), (120, 120, 80), (160, 160, 100))  # the last fills 12 GB
 ENVIRONMENT = HERE.parents[1] / "build" / "peers"
 PACKAGES = ("astra-toolbox==2.5.0", "pyolaf==0.2.1")
 PIXELS = 15  # behind a microlens, for pyolaf: odd

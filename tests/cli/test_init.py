@@ -9,7 +9,7 @@ from small_recording import COLUMNS, ROWS, SHEET, tree
 
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.cli import main
-from plenopiv.cli.init import suggested_depth_mm
+from plenopiv.design.advice import suggested_depth_mm
 from plenopiv.experiment import Experiment
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
@@ -85,7 +85,7 @@ def sheet_with(tmp_path, table, key, value):
         ("recording", "dt_s", None, "recording.dt_s is missing"),
         ("seeding", "depth_mm", [2.0, -2.0], "must rise"),
         ("seeding", "depth_mm", "deep", "two numbers"),
-        ("seeding", "depth_mm", [-40, 40], "seeding.depth_mm is too deep"),
+        ("seeding", "depth_mm", [-40, 40], "is too deep"),
     ],
 )
 def test_init_names_what_is_wrong_with_the_sheet(folder, tmp_path, one_line, table, key, value, expected):

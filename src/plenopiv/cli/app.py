@@ -15,6 +15,7 @@ app = typer.Typer(
 )
 
 ExperimentFile = Annotated[Path, typer.Argument(metavar="EXPERIMENT", help="The experiment file (.toml).")]
+DENSITIES = (0.5, 1.0, 2.0)  # particles per microlens that design simulates
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is already there.")]
 
 
@@ -158,6 +159,43 @@ def info(
     from plenopiv.cli.info import info
 
     typer.echo(info(file))
+
+
+@app.command()
+def design(
+    sheet: Annotated[
+        str, typer.Argument(metavar="OPTICS_SHEET", help="JSON or TOML as for init, or pmr8, pmr14, pmr28, 29mp.")
+    ],
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="[FOLDER]", help="Where design.json, .txt and .png go.")
+    ] = None,
+    depth: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="LOW HIGH", help="Depth that is lit, mm; default: of the sheet."),
+    ] = None,
+    density: Annotated[
+        list[float] | None, typer.Option(metavar="PPM", help="Particles per microlens to simulate; may be repeated.")
+    ] = None,
+    simulate: Annotated[bool, typer.Option(help="Simulate twins, which takes minutes, for errors and seeding.")] = True,
+    compare: Annotated[bool, typer.Option("--compare", help="Simulate a twin of each variant too.")] = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """What a camera will do, before it is built: resolution, field, dead zone, seeding, velocity errors.
+
+    Geometry says how far a point moves until another pixel is lit; a simulated twin of the camera, imaged,
+    reconstructed and correlated, says what error a displacement will have. Then what changes with PMR, pitch,
+    magnification and lattice. A sheet's recording and dt_s are not needed.
+
+    \b
+    Example:
+        plenopiv design optics.json design
+        plenopiv design 29mp --no-simulate
+        plenopiv design pmr14 --depth -2 2 --density 0.5 --density 1
+    """
+    from plenopiv.cli.design import design
+
+    densities = (density or DENSITIES) if simulate else ()
+    typer.echo(design(sheet, folder, depth, densities, compare, overwrite))
 
 
 @app.command()

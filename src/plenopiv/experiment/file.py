@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import tomllib
-from math import ceil, prod, radians
+from math import prod, radians
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
+from plenopiv.cameras.consistency import contradictions, mismatch
 from plenopiv.cameras.coverage import coverage, seen_by_every_view_mm
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
+from plenopiv.design.advice import FEWEST_DEAD_ZONES, deep_enough
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import messages
 from plenopiv.experiment.tables import (
@@ -30,7 +32,6 @@ from plenopiv.sensor import Sensor
 from plenopiv.volume import VoxelGrid
 
 LARGEST_SIDE = 2**16 - 1  # voxels: sparse volumes keep 16 bits for a voxel's place in its row
-FEWEST_DEAD_ZONES = 3.0  # half dead zones in a window's depth: at 2.3 displacements came out 40 % too small, at 4 right
 LARGEST_VOLUME = 1e10  # voxels: more is a wrong unit, or needs several runs
 
 
@@ -94,29 +95,8 @@ class Experiment(Table):
         return self
 
     def _camera_contradictions(self) -> list[str]:
-        lens, array, sensor = self.camera_table.main_lens, self.camera_table.microlens_array, self.camera_table.sensor
-        camera = self.camera()
-        lines = []
-        if array.pitch_mm < 2 * sensor.pixel_pitch_mm:
-            lines.append(
-                f"camera.microlens_array.pitch_mm: {array.pitch_mm:g} mm is under two pixels of "
-                f"{sensor.pixel_pitch_mm:g} mm; are both in mm?"
-            )
-        if 4 * array.pitch_mm > sensor.pixel_pitch_mm * min(sensor.columns, sensor.rows):
-            lines.append(
-                f"camera.microlens_array.pitch_mm: fewer than four microlenses of {array.pitch_mm:g} mm fit on the "
-                f"sensor; is it in mm?"
-            )
-        if array.focal_length_mm >= camera.main_lens.image_distance_mm:
-            lines.append(
-                f"camera.microlens_array.focal_length_mm: {array.focal_length_mm:g} mm is not below the main lens' "
-                f"image distance, {camera.main_lens.image_distance_mm:.4g} mm; is it in mm?"
-            )
-        if lens.diameter_mm * abs(lens.magnification) <= array.pitch_mm:
-            lines.append(
-                f"camera.main_lens: an aperture of {lens.diameter_mm:g} mm at magnification {lens.magnification:g} "
-                f"leaves no parallax beyond one microlens; is it in mm?"
-            )
+        array = self.camera_table.microlens_array
+        lines = [f"camera.{line}" for line in contradictions(self.camera())]
         if self.recording_table.white is None and (array.rotation_deg is None or array.offset_mm is None):
             lines.append(
                 "recording.white: missing; name the white image, or say where the microlenses are with "
@@ -208,16 +188,8 @@ class Experiment(Table):
     def warnings(self) -> list[str]:
         """What the user should know before a run, one line each; none of it stops the run."""
         camera = self.camera()
-        lens, lines = camera.main_lens, []
-        image_side = lens.image_distance_mm / lens.aperture_mm
-        microlens = camera.microlens_focal_length_mm / camera.lattice.pitch_mm
-        if abs(image_side / microlens - 1.0) > 0.02:
-            effect = "overlap" if image_side < microlens else "leave pixels between them dark"
-            lines.append(
-                f"f-numbers do not match: main lens f/{image_side:.3g} on the image side (S_i/P_m), microlenses "
-                f"f/{microlens:.3g} (f_l/p_l), so micro-images {effect}; matched at an aperture of "
-                f"{camera.matched_aperture_mm:.4g} mm"
-            )
+        unmatched = mismatch(camera)
+        lines = [unmatched] if unmatched else []
         near, far = camera.dead_zone_mm()
         if near <= self.volume.z_mm[0] and self.volume.z_mm[1] <= far:
             lines.append(
@@ -226,7 +198,7 @@ class Experiment(Table):
             )
         window, voxel = self.correlation.windows[-1][2], self.volume.voxel_mm[2]
         if window * voxel < FEWEST_DEAD_ZONES * (far - near) / 2:
-            enough = 8 * ceil(FEWEST_DEAD_ZONES * (far - near) / 2 / voxel / 8)
+            enough = deep_enough(camera, voxel)
             lines.append(
                 f"correlation.windows: the last ones are {window * voxel:.2g} mm deep and particles' images hardly "
                 f"less (the dead zone is {far - near:.2g} mm), so displacements in depth come out too small; give "

@@ -1,0 +1,109 @@
+"""What `plenopiv design` predicts beside what full runs then score:  designed.py [NAMES] [--out DIR] [--depth LOW HIGH]
+
+NAMES are presets, default the paper's three cameras. A full run is a recording of the camera's own sensor, simulated
+with its white image and run as a user would; cameras with few windows are recorded several times, until some hundred
+vectors are judged. Both move uniformly. Appends to designed.json beside this file and prints a table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import plenopiv
+from plenopiv.accuracy import score_velocity
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.cameras.presets import preset
+from plenopiv.design.advice import Measurement, suggested
+from plenopiv.design.twin import DT_S, OFFSET, SHIFT, TURN_RAD, twin
+from plenopiv.experiment import Experiment
+from plenopiv.lattice import Lattice
+from plenopiv.simulation.flows import flow
+from plenopiv.simulation.recording import simulate_recording
+
+VECTORS, MOST_RECORDINGS = 120, 30
+HERE = Path(__file__).parent
+
+
+def recorded(camera: PlenopticCamera, measured: Measurement, folder: Path, seed: int) -> dict:
+    """One recording, run and scored."""
+    moved = [1e-3 * share * side / DT_S for share, side in zip(SHIFT, measured.window_mm, strict=True)]
+    pitch = camera.lattice.pitch_mm
+    lattice = Lattice(camera.lattice.kind, pitch, TURN_RAD, (OFFSET[0] * pitch, OFFSET[1] * pitch))
+    simulate_recording(
+        folder,
+        replace(camera, lattice=lattice),
+        flow("uniform", velocity_m_s=moved),
+        dt_s=DT_S,
+        volume_mm=measured.limits_mm,
+        voxel_mm=measured.voxel_mm,
+        windows=measured.windows,
+        seed=seed,
+        overwrite=True,
+    )
+    experiment = Experiment.load(folder / "experiment.toml")
+    found = plenopiv.process(experiment, overwrite=True)
+    with np.load(folder / "truth_particles.npz") as truth:
+        return score_velocity(
+            found.velocity,
+            truth["a"],
+            truth["b"],
+            experiment.camera(),
+            dt_s=DT_S,
+            voxel_mm=measured.voxel_mm,
+            window_voxels=measured.windows[-1],
+        ).as_dict()
+
+
+def pooled(scores: list[dict]) -> tuple[list[float], list[list[float]]]:
+    """RMS along x, y, z over all recordings, and by thirds of depth."""
+    weight = [s["vectors"] for s in scores]
+
+    def mean(rms) -> list[float]:
+        return list(np.sqrt(np.average(np.square(rms), axis=0, weights=weight)))
+
+    bands = zip(*(s["final"]["by_depth"] for s in scores), strict=True)
+    return mean([s["final"]["rms"] for s in scores]), [mean([b["rms"] for b in band]) for band in bands]
+
+
+def main() -> None:
+    """Measure, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", default=["pmr8", "pmr14", "pmr28"])
+    parser.add_argument("--out", type=Path, help="where recordings go; default: nowhere that lasts")
+    parser.add_argument("--depth", type=float, nargs=2)
+    asked = parser.parse_args()
+    path = HERE / "designed.json"
+    rows = json.loads(path.read_text()) if path.exists() else {}
+    for name in asked.names:
+        camera = preset(name)
+        measured = suggested(camera, asked.depth and tuple(asked.depth))
+        predicted = twin(camera, measured).score.as_dict()
+        scores: list[dict] = []
+        with tempfile.TemporaryDirectory(dir=asked.out) as scratch:
+            while sum(s["vectors"] for s in scores) < VECTORS and len(scores) < MOST_RECORDINGS:
+                scores.append(recorded(camera, measured, Path(scratch), 100 + len(scores)))
+        rms, bands = pooled(scores)
+        key = name if asked.depth is None else f"{name}, z from {asked.depth[0]:g} to {asked.depth[1]:g} mm"
+        rows[key] = {
+            "predicted": predicted["final"]["rms"],
+            "predicted_by_depth": [b["rms"] for b in predicted["final"]["by_depth"]],
+            "scored": rms,
+            "scored_by_depth": bands,
+            "vectors": sum(s["vectors"] for s in scores),
+            "vectors_of_twin": predicted["vectors"],
+            "recordings": len(scores),
+        }
+        off = ", ".join(f"{p / s - 1:+.0%}" for p, s in zip(rows[key]["predicted"], rms, strict=True))
+        told = " ".join(f"{p:.3f}" for p in rows[key]["predicted"]), " ".join(f"{s:.3f}" for s in rms)
+        print(f"{key}: predicted {told[0]}, scored {told[1]} ({rows[key]['vectors']} vectors): {off}", flush=True)
+        path.write_text(json.dumps(rows, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

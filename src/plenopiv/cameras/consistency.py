@@ -1,0 +1,46 @@
+"""Whether the numbers of a camera go together."""
+
+from __future__ import annotations
+
+from plenopiv.cameras.plenoptic import PlenopticCamera
+
+MATCHED = 0.02  # by which f-numbers may differ, relative
+
+
+def contradictions(camera: PlenopticCamera) -> list[str]:
+    """What makes a camera none that is focused on its microlenses and seen through them; a line each, its key first."""
+    lens, pitch, focal = camera.main_lens, camera.lattice.pitch_mm, camera.microlens_focal_length_mm
+    pixel, sensor = camera.sensor.pixel_pitch_mm, camera.sensor
+    lines = []
+    if pitch < 2 * pixel:
+        lines.append(f"microlens_array.pitch_mm: {pitch:g} mm is under two pixels of {pixel:g} mm; are both in mm?")
+    if 4 * pitch > pixel * min(sensor.columns, sensor.rows):
+        lines.append(
+            f"microlens_array.pitch_mm: fewer than four microlenses of {pitch:g} mm fit on the sensor; is it in mm?"
+        )
+    if focal >= lens.image_distance_mm:
+        lines.append(
+            f"microlens_array.focal_length_mm: {focal:g} mm is not below the main lens' image distance, "
+            f"{lens.image_distance_mm:.4g} mm; is it in mm?"
+        )
+    if lens.aperture_mm * abs(lens.magnification) <= pitch:
+        lines.append(
+            f"main_lens: an aperture of {lens.aperture_mm:g} mm at magnification {lens.magnification:g} leaves no "
+            f"parallax beyond one microlens; is it in mm?"
+        )
+    return lines
+
+
+def mismatch(camera: PlenopticCamera) -> str | None:
+    """How the main lens over- or underfills the microlenses, in a line; None where f-numbers match to 2 %."""
+    lens = camera.main_lens
+    image_side = lens.image_distance_mm / lens.aperture_mm
+    microlens = camera.microlens_focal_length_mm / camera.lattice.pitch_mm
+    if abs(image_side / microlens - 1.0) <= MATCHED:
+        return None
+    effect = "overlap" if image_side < microlens else "leave pixels between them dark"
+    return (
+        f"f-numbers do not match: main lens f/{image_side:.3g} on the image side (S_i/P_m), microlenses "
+        f"f/{microlens:.3g} (f_l/p_l), so micro-images {effect}; matched at an aperture of "
+        f"{camera.matched_aperture_mm:.4g} mm"
+    )
