@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import plenopiv
-from plenopiv.accuracy import score_velocity
+from plenopiv.accuracy import Score, pooled, score_velocity
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.presets import preset
 from plenopiv.design.advice import Measurement, suggested
@@ -30,7 +30,7 @@ VECTORS, MOST_RECORDINGS = 120, 30
 HERE = Path(__file__).parent
 
 
-def recorded(camera: PlenopticCamera, measured: Measurement, folder: Path, seed: int) -> dict:
+def recorded(camera: PlenopticCamera, measured: Measurement, folder: Path, seed: int) -> Score:
     """One recording, run and scored."""
     moved = [1e-3 * share * side / DT_S for share, side in zip(SHIFT, measured.window_mm, strict=True)]
     pitch = camera.lattice.pitch_mm
@@ -57,18 +57,7 @@ def recorded(camera: PlenopticCamera, measured: Measurement, folder: Path, seed:
             dt_s=DT_S,
             voxel_mm=measured.voxel_mm,
             window_voxels=measured.windows[-1],
-        ).as_dict()
-
-
-def pooled(scores: list[dict]) -> tuple[list[float], list[list[float]]]:
-    """RMS along x, y, z over all recordings, and by thirds of depth."""
-    weight = [s["vectors"] for s in scores]
-
-    def mean(rms) -> list[float]:
-        return list(np.sqrt(np.average(np.square(rms), axis=0, weights=weight)))
-
-    bands = zip(*(s["final"]["by_depth"] for s in scores), strict=True)
-    return mean([s["final"]["rms"] for s in scores]), [mean([b["rms"] for b in band]) for band in bands]
+        )
 
 
 def main() -> None:
@@ -83,24 +72,24 @@ def main() -> None:
     for name in asked.names:
         camera = preset(name)
         measured = suggested(camera, asked.depth and tuple(asked.depth))
-        predicted = twin(camera, measured).score.as_dict()
-        scores: list[dict] = []
+        made = twin(camera, measured)
+        predicted, scores = made.errors, list[Score]()
         with tempfile.TemporaryDirectory(dir=asked.out) as scratch:
-            while sum(s["vectors"] for s in scores) < VECTORS and len(scores) < MOST_RECORDINGS:
+            while sum(s.vectors for s in scores) < VECTORS and len(scores) < MOST_RECORDINGS:
                 scores.append(recorded(camera, measured, Path(scratch), 100 + len(scores)))
-        rms, bands = pooled(scores)
+        scored = pooled(scores)
         key = name if asked.depth is None else f"{name}, z from {asked.depth[0]:g} to {asked.depth[1]:g} mm"
         rows[key] = {
-            "predicted": predicted["final"]["rms"],
-            "predicted_by_depth": [b["rms"] for b in predicted["final"]["by_depth"]],
-            "scored": rms,
-            "scored_by_depth": bands,
-            "vectors": sum(s["vectors"] for s in scores),
-            "vectors_of_twin": predicted["vectors"],
+            "predicted": predicted.rms,
+            "predicted_by_depth": [b.rms for b in predicted.by_depth],
+            "scored": scored.rms,
+            "scored_by_depth": [b.rms for b in scored.by_depth],
+            "vectors": sum(s.vectors for s in scores),
+            "vectors_of_twin": made.vectors,
             "recordings": len(scores),
         }
-        off = ", ".join(f"{p / s - 1:+.0%}" for p, s in zip(rows[key]["predicted"], rms, strict=True))
-        told = " ".join(f"{p:.3f}" for p in rows[key]["predicted"]), " ".join(f"{s:.3f}" for s in rms)
+        off = ", ".join(f"{p / s - 1:+.0%}" for p, s in zip(predicted.rms, scored.rms, strict=True))
+        told = " ".join(f"{p:.3f}" for p in predicted.rms), " ".join(f"{s:.3f}" for s in scored.rms)
         print(f"{key}: predicted {told[0]}, scored {told[1]} ({rows[key]['vectors']} vectors): {off}", flush=True)
         path.write_text(json.dumps(rows, indent=1) + "\n")
 

@@ -370,7 +370,7 @@ def naive_residual(field, believed, floor):
             there = tuple(a + o for a, o in zip(at, offset, strict=True))
             if offset != (0, 0, 0) and all(0 <= t < n for t, n in zip(there, shape, strict=True)) and believed[there]:
                 near[offset] = field[(slice(None), *there)]
-        if len(near) < 3:
+        if len(near) < 4:
             continue
         carried = {o: d.copy() for o, d in near.items()}
         for axis in range(3):
@@ -397,6 +397,13 @@ def test_normalised_median_is_its_definition():
     field = rng.standard_normal((3, 4, 5, 4))
     believed = rng.random((4, 5, 4)) > 0.3
     np.testing.assert_allclose(normalised_median(field, believed, 0.1), naive_residual(field, believed, 0.1), rtol=1e-9)
+
+
+def test_four_vectors_cannot_condemn_one_another():
+    field = np.zeros((3, 1, 2, 2))
+    field[0, 0] = [[5.37, 5.08], [5.08, 5.46]]  # no shear, but three carried neighbours would agree on 4.7
+    everywhere = np.ones((1, 2, 2), bool)
+    assert not find_outliers(field, everywhere, 3.0, 0.1).any()
 
 
 def linear_field(shape):

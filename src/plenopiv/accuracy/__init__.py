@@ -21,7 +21,7 @@ from plenopiv.accuracy.bound import (
 )
 from plenopiv.accuracy.point_light import PointLight, point_light
 from plenopiv.accuracy.truth import TrueDisplacements, true_displacements
-from plenopiv.accuracy.velocity import Band, Errors, Score, score_velocity
+from plenopiv.accuracy.velocity import Band, Errors, Score, pooled, score_velocity
 from plenopiv.accuracy.volumes import exact_volume, intensity_centre_mm, reconstruction_quality
 
 __all__ = [
@@ -38,6 +38,7 @@ __all__ = [
     "intensity_centre_mm",
     "pixel_variance",
     "point_light",
+    "pooled",
     "position_bound",
     "reconstruction_quality",
     "score_velocity",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from math import nan
@@ -146,6 +147,31 @@ def score_velocity(
         inside_1_std=None if std is None else _tuple((off <= std).mean(0)),
         inside_2_std=None if std is None else _tuple((off <= 2 * std).mean(0)),
         true_rms=_tuple(_rms(window)),
+    )
+
+
+def pooled(scores: Sequence[Score]) -> Errors:
+    """Final errors of several fields of one kind as those of one; bands of depth must be the same for all."""
+    weight = [score.vectors for score in scores]
+
+    def mean(values: Sequence[Sequence[float]], of: Sequence[int] = weight) -> tuple[float, ...]:
+        return _tuple(np.average(values, axis=0, weights=of))
+
+    def rms(values: Sequence[Sequence[float]], of: Sequence[int] = weight) -> tuple[float, ...]:
+        return _tuple(np.sqrt(np.average(np.square(values), axis=0, weights=of)))
+
+    finals = [score.final for score in scores]
+    bands = []
+    for band in zip(*(final.by_depth for final in finals), strict=True):
+        of = [b.vectors for b in band]
+        joined = rms([b.rms for b in band], of), mean([b.bias for b in band], of)
+        bands.append(Band(band[0].from_mm, band[0].to_mm, sum(of), *joined))
+    return Errors(
+        mean([[f.answered] for f in finals])[0],
+        mean([[f.gross] for f in finals])[0],
+        rms([f.rms for f in finals]),
+        mean([f.bias for f in finals]),
+        tuple(bands),
     )
 
 

@@ -139,12 +139,13 @@ def _by_depth(optics: Optics) -> str:
 def _seeding(twins: Sequence[Twin], best: Twin) -> str:
     rows = []
     for t in twins:
-        x, y, z = t.score.final.rms
-        scored = f"{t.score.particles_per_window:.0f}", f"{100 * t.candidates:.1f}", f"{100 * t.score.final.gross:.1f}"
-        rows.append((f"{t.particles_per_microlens:g}", *scored, f"{x:.3f}", f"{y:.3f}", f"{z:.3f}"))
+        x, y, z = t.errors.rms
+        scored = f"{t.particles_per_window:.0f}", f"{100 * t.candidates:.1f}", f"{100 * t.errors.gross:.1f}"
+        bias = f"{t.errors.bias[2]:+.3f}"
+        rows.append((f"{t.particles_per_microlens:g}", *scored, f"{x:.3f}", f"{y:.3f}", f"{z:.3f}", bias))
     aim = f"Aim for {best.particles_per_microlens:g} particles per microlens"
     title = f"{aim}. Simulated twins of this camera, uniform motion:"
-    head = "ppm", "a window", "candidates %", "gross %", "RMS x", "RMS y", "RMS z (voxel)"
+    head = "ppm", "a window", "candidates %", "gross %", "RMS x", "RMS y", "RMS z", "bias z (voxel)"
     return _table(title, head, rows)
 
 
@@ -164,7 +165,7 @@ def _variants(found: Design) -> str:
     for optics, simulated in zip((found.optics, *found.variants), (found.best, *twins), strict=True):
         (_, _, (lo, hi)), half = optics.measurement.limits_mm, (optics.dead_zone_mm[1] - optics.dead_zone_mm[0]) / 2
         end, middle = optics.depths[-1], optics.depths[len(optics.depths) // 2]
-        errors = "" if simulated is None else " ".join(f"{e:.3f}" for e in simulated.score.final.rms)
+        errors = "" if simulated is None else " ".join(f"{e:.3f}" for e in simulated.errors.rms)
         rows.append(
             (
                 optics.name,

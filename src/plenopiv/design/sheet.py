@@ -65,7 +65,7 @@ class Design:
     @property
     def best(self) -> Twin | None:
         """The twin with the least error, its components counted in voxels; None without twins."""
-        return min(self.twins, key=lambda t: sum(e**2 for e in t.score.final.rms), default=None)
+        return min(self.twins, key=lambda t: sum(e**2 for e in t.errors.rms), default=None)
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain dictionaries and numbers, for JSON."""

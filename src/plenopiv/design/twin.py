@@ -1,7 +1,7 @@
 """A twin of a camera: simulated images of it, reconstructed, correlated and scored, as small as it may be.
 
-Errors depend on depth, not on where in the field a window lies. So the twin has the camera's optics and depth, but
-only as much sensor as some hundred vectors need, less or more than the camera's own.
+Errors depend on depth, not on where in the field a window lies. So the twin of a large sensor has the camera's optics
+and depth, but only as much sensor as some hundred vectors need; a small sensor is its own twin, recorded several times.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from math import ceil, radians, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from plenopiv.accuracy.velocity import Score, score_velocity
+from plenopiv.accuracy.velocity import Errors, Score, pooled, score_velocity
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.design.advice import Measurement, within
+from plenopiv.design.advice import Measurement
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.lattice import Lattice
@@ -35,8 +36,10 @@ from plenopiv.velocity import velocity_dataset
 if TYPE_CHECKING:
     import xarray as xr
 
-VECTORS = 300  # judged, about
-ACROSS = 3, 9  # vectors along x and along y, at least and at most
+VECTORS = 200  # judged, about
+ACROSS = 3, 9  # vectors along x and along y, at least and at most, as far as the sensor sees them
+MOST_PAIRS = 12
+ENOUGH = 0.7  # of the vectors: no second pair for the last few
 TURN_RAD, OFFSET = radians(0.1), (0.4, 0.28)  # of a lattice as they come: turned, its place in pitches off the axis
 SHIFT = (1 / 12, -1 / 19, 1 / 11.7)  # displacement in last windows along x, y, z: no whole voxels
 DT_S = 0.0005
@@ -58,39 +61,133 @@ class PlaneError(NamedTuple):
 class Twin:
     """What was simulated, and how well it was measured.
 
-    ``score``: voxels, over all windows and by thirds of depth, as ``docs/accuracy.md`` counts. ``planes``: by depth.
-    ``candidates``: share of the voxels that dense ray tracing left.
+    ``errors``: voxels, over all windows and by thirds of depth, as ``docs/accuracy.md`` counts. ``planes``: by depth.
+    ``candidates``: share of the voxels that dense ray tracing left. Of so many ``pairs`` of frames, ``vectors`` in all.
     """
 
     camera: PlenopticCamera
     measurement: Measurement
     particles_per_microlens: float
+    particles_per_window: float
     candidates: float
-    score: Score
+    pairs: int
+    vectors: int
+    errors: Errors
     planes: tuple[PlaneError, ...]
 
 
 def cut(
     camera: PlenopticCamera, measurement: Measurement, vectors: int = VECTORS
 ) -> tuple[PlenopticCamera, Measurement]:
-    """A sensor and a volume across, for about so many vectors; depth, voxels and windows as asked for."""
-    window, (_, _, depth) = measurement.window_mm, measurement.limits_mm
+    """As much of a sensor, and of the volume across, as about so many vectors take; depth, voxels and windows as asked
+    for. The lattice is turned and off the axis, as lattices are."""
+    window, (x, y, depth) = measurement.window_mm, measurement.limits_mm
     deep = max(2 * (depth[1] - depth[0]) / window[2] - 1, 1)
     across = min(max(ACROSS[0], ceil(sqrt(vectors / deep))), ACROSS[1])
-    x, y = (0.5 * (across + 1) * side / 2 for side in window[:2])
+    x, y = (_shorter(side, (across + 1) * width / 2) for side, width in zip((x, y), window[:2], strict=True))
     pixel = camera.sensor.pixel_pitch_mm / (1 + camera.image_scale)
     blur = [0.5 * camera.main_lens.aperture_mm * abs(float(camera.spread(z))) for z in depth]
-    columns, rows = (
-        2 * ceil(max(side * abs(float(camera.scale(z))) + b for z, b in zip(depth, blur, strict=True)) / pixel) + 2
-        for side in (x, y)
-    )
+    reach = [(abs(float(camera.scale(z))), b) for z, b in zip(depth, blur, strict=True)]
+    columns, rows = (2 * ceil(max(scale * side[1] + b for scale, b in reach) / pixel) + 2 for side in (x, y))
+    sensor = camera.sensor
     pitch = camera.lattice.pitch_mm
     lattice = Lattice(camera.lattice.kind, pitch, TURN_RAD, (OFFSET[0] * pitch, OFFSET[1] * pitch))
-    small = replace(camera, sensor=replace(camera.sensor, columns=columns, rows=rows), lattice=lattice)
-    limits = (-x, x), (-y, y), depth
-    nz, ny, nx = replace(measurement, limits_mm=limits).grid.shape
-    windows = [within(window, (nx, ny, nz)) for window in measurement.windows]
-    return small, replace(measurement, limits_mm=limits, windows=tuple(windows))
+    smaller = replace(sensor, columns=min(columns, sensor.columns), rows=min(rows, sensor.rows))
+    return replace(camera, sensor=smaller, lattice=lattice), replace(measurement, limits_mm=(x, y, depth))
+
+
+def _shorter(side: tuple[float, float], length: float) -> tuple[float, float]:
+    """An interval around 0 of at most ``length``, within ``side``."""
+    return max(side[0], -length / 2), min(side[1], length / 2)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two frames of uniform motion, reconstructed.
+
+    ``particles`` and ``frames`` of the first and the second; ``moved_mm`` from one to the other along x, y, z.
+    """
+
+    camera: PlenopticCamera
+    measurement: Measurement
+    particles: tuple[Particles, Particles]
+    frames: tuple[Reconstruction, Reconstruction]
+    moved_mm: tuple[float, float, float]
+
+    def displaced(self, plane_weight: NDArray[np.float32], progress: Progress | None = None) -> xr.Dataset:
+        """The velocity field, planes multiplied by ``plane_weight`` (nz,) before they are correlated."""
+        a, b = (frame.volume.with_planes_scaled(plane_weight) for frame in self.frames)
+        field = measure(a, b, CorrelationSettings(windows=self.measurement.windows), progress)
+        return velocity_dataset(field, self.measurement.grid, DT_S)
+
+    def score(self, field: xr.Dataset) -> Score:
+        """How near the truth a field is, as ``docs/accuracy.md`` counts."""
+        return score_velocity(
+            field,
+            self.particles[0].position_mm,
+            self.particles[1].position_mm,
+            self.camera,
+            dt_s=DT_S,
+            voxel_mm=self.measurement.voxel_mm,
+            window_voxels=self.measurement.windows[-1],
+        )
+
+    def by_plane(self, field: xr.Dataset) -> tuple[PlaneError, ...]:
+        """Errors of all vectors, plane by plane: every view sees the windows of a twin."""
+        shown = field.isel(time=0)
+        planes = []
+        for k, z in enumerate(shown.z.values):
+            off = [1e3 * DT_S * shown[name].values[k] - d for name, d in zip("uvw", self.moved_mm, strict=True)]
+            sides = zip(off, self.measurement.voxel_mm, strict=True)
+            rms_x, rms_y, rms_z = (float(np.sqrt(np.mean(e**2))) / side for e, side in sides)
+            planes.append(PlaneError(float(z), (rms_x, rms_y, rms_z)))
+        return tuple(planes)
+
+
+def reconstructed_pair(
+    camera: PlenopticCamera,
+    measurement: Measurement,
+    *,
+    seeding: Seeding | None = None,
+    noise: SensorNoise = NOISE,
+    weights: str = "exact",
+    vectors: int = VECTORS,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Pair:
+    """Simulate a pair of frames of uniform motion, SHIFT of the last window, and reconstruct them as a run with default
+    settings does. Calibration is left out: the lattice is known. ``seeding``: default ``Seeding()``; ``weights``: of
+    the ``Projector``.
+
+    Raises:
+        PlenoPIVError: the frames show no particles.
+    """
+    report = progress or (lambda stage, done, total: None)
+    seeding = seeding or Seeding()
+    small, cut_out = cut(camera, measurement, vectors)
+    x, y, z = (share * side for share, side in zip(SHIFT, cut_out.window_mm, strict=True))
+    motion = flow("uniform", velocity_m_s=[1e-3 * d / DT_S for d in (x, y, z)])
+    rng = np.random.default_rng(seed)
+    where = layout(small)
+    projector = Projector(where, cut_out.grid, weights)
+
+    def frame(particles: Particles, number: int) -> Reconstruction:
+        image_seed = 2 * seed + number
+        light = particle_image(small, particles, rays=RAYS, seed=image_seed, diffraction_nm=WAVELENGTH_NM)
+        counts = digitise(light + seeding.background_electrons, small.sensor, noise, rng)
+        name = f"twin at {seeding.particles_per_microlens:g} ppm, frame {number + 1}"
+        return reconstruct(
+            decode(counts, where),
+            projector,
+            ReconstructionSettings(),
+            counts_per_electron=noise.gain,
+            name=name,
+            progress=partial(report, name),
+        )
+
+    first, second = seed_pair(small, motion, DT_S, cut_out.limits_mm, seeding, rng)
+    frames = frame(first, 0), frame(second, 1)
+    return Pair(small, cut_out, (first, second), frames, (x, y, z))
 
 
 def twin(
@@ -103,57 +200,42 @@ def twin(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Twin:
-    """Simulate a pair of frames of uniform motion, SHIFT of the last window, and measure it as a run with default
-    settings does. Calibration is left out: the lattice is known. ``seeding``: default ``Seeding()``.
+    """Pairs (``reconstructed_pair``), correlated as a run does and scored, until ``vectors`` are judged or there are
+    MOST_PAIRS.
 
     Raises:
         PlenoPIVError: the frames show no particles, or nothing can be measured.
     """
-    report = progress or (lambda stage, done, total: None)
-    seeding = seeding or Seeding()
-    small, cut_out = cut(camera, measurement, vectors)
-    moved = [share * side for share, side in zip(SHIFT, cut_out.window_mm, strict=True)]
-    motion = flow("uniform", velocity_m_s=[1e-3 * d / DT_S for d in moved])
-    rng = np.random.default_rng(seed)
-    pair = seed_pair(small, motion, DT_S, cut_out.limits_mm, seeding, rng)
-    grid, where = cut_out.grid, layout(small)
-    projector = Projector(where, grid)
-    settings = ReconstructionSettings()
-    weight = focus_weight(small, grid.axes()[2], settings.focus_reach)
-
-    def volume(particles: Particles, name: str) -> Reconstruction:
-        image_seed = 2 * seed + (name == "b")
-        light = particle_image(small, particles, rays=RAYS, seed=image_seed, diffraction_nm=WAVELENGTH_NM)
-        counts = digitise(light + seeding.background_electrons, small.sensor, noise, rng)
-        name = f"twin at {seeding.particles_per_microlens:g} ppm, frame {name}"
-        said = partial(report, name)
-        gain = noise.gain
-        return reconstruct(
-            decode(counts, where), projector, settings, counts_per_electron=gain, name=name, progress=said
+    seeding, scores, planes, candidates = seeding or Seeding(), list[Score](), [], 0.0
+    while not scores or (sum(score.vectors for score in scores) < vectors * ENOUGH and len(scores) < MOST_PAIRS):
+        pair = reconstructed_pair(
+            camera,
+            measurement,
+            seeding=seeding,
+            noise=noise,
+            vectors=vectors,
+            seed=seed + len(scores),
+            progress=progress,
         )
-
-    a, b = (volume(particles, name) for particles, name in zip(pair, "ab", strict=True))
-    first, second = (found.volume.with_planes_scaled(weight) for found in (a, b))
-    field = velocity_dataset(measure(first, second, CorrelationSettings(windows=cut_out.windows), progress), grid, DT_S)
-    score = score_velocity(
-        field,
-        pair[0].position_mm,
-        pair[1].position_mm,
-        small,
-        dt_s=DT_S,
-        voxel_mm=cut_out.voxel_mm,
-        window_voxels=cut_out.windows[-1],
+        z = pair.measurement.grid.axes()[2]
+        field = pair.displaced(focus_weight(pair.camera, z, ReconstructionSettings.focus_reach), progress)
+        scores.append(pair.score(field))
+        planes.append(pair.by_plane(field))
+        candidates += pair.frames[0].candidates
+    return Twin(
+        pair.camera,
+        pair.measurement,
+        seeding.particles_per_microlens,
+        float(np.mean([score.particles_per_window for score in scores])),
+        candidates / len(scores),
+        len(scores),
+        sum(score.vectors for score in scores),
+        pooled(scores),
+        tuple(_mean(same) for same in zip(*planes, strict=True)),
     )
-    planes = _by_plane(field, moved, cut_out.voxel_mm)
-    return Twin(small, cut_out, seeding.particles_per_microlens, a.candidates, score, planes)
 
 
-def _by_plane(field: xr.Dataset, moved_mm: list[float], voxel_mm: tuple[float, float, float]) -> tuple[PlaneError, ...]:
-    """Errors of all vectors, plane by plane: every view sees the windows of a twin."""
-    shown = field.isel(time=0)
-    planes = []
-    for k, z in enumerate(shown.z.values):
-        errors = [1e3 * DT_S * shown[name].values[k] - moved for name, moved in zip("uvw", moved_mm, strict=True)]
-        x, y, w = (float(np.sqrt(np.mean(e**2))) / d for e, d in zip(errors, voxel_mm, strict=True))
-        planes.append(PlaneError(float(z), (x, y, w)))
-    return tuple(planes)
+def _mean(planes: tuple[PlaneError, ...]) -> PlaneError:
+    """Errors at one depth in several pairs as one."""
+    x, y, z = np.sqrt(np.mean(np.square([plane.rms for plane in planes]), axis=0)).tolist()
+    return PlaneError(planes[0].z_mm, (x, y, z))

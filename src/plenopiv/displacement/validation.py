@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from plenopiv.errors import PlenoPIVError
 
 _ROUNDS = 3  # outliers in clusters hide one another; each round judges by those that the last one believed
+FEWEST = 4  # neighbours that can judge a vector
 _NEIGHBOURS = 26  # vectors that a replacement is fitted to
 
 
@@ -21,7 +22,8 @@ def normalised_median(
     three components. The neighbours d_i are first carried to the vector by the median step between the eight pairs of
     neighbours on either side of it, axis by axis. Otherwise shear would condemn the edges of the volume, where all
     neighbours lie on one side, and curvature the crests of a flow of a few windows' wavelength.
-    ``displacement``: (3, nz, ny, nx) voxels. Returns (nz, ny, nx); inf with fewer than three neighbours to judge by.
+    ``displacement``: (3, nz, ny, nx) voxels. Returns (nz, ny, nx); inf with fewer than FEWEST neighbours to judge by:
+    three at a corner of a layer of vectors, carried to it by their own steps, agree with one another whatever they are.
     """
     _, nz, ny, nx = displacement.shape
     padded = np.pad(np.where(believed, displacement, np.nan), ((0, 0), (1, 1), (1, 1), (1, 1)), constant_values=np.nan)
@@ -40,7 +42,7 @@ def normalised_median(
     median = _median(around)
     spread = _median(np.abs(around - median))
     residual = (np.abs(displacement - median) / (spread + floor)).max(0)
-    return np.where(np.isfinite(around[:, 0]).sum(0) >= 3, residual, np.inf)
+    return np.where(np.isfinite(around[:, 0]).sum(0) >= FEWEST, residual, np.inf)
 
 
 def _median(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -56,7 +58,7 @@ def find_outliers(
 ) -> NDArray[np.bool_]:
     """Measured vectors (nz, ny, nx) that the normalised median test rejects.
 
-    A vector with fewer than three measured neighbours cannot be judged and is kept.
+    A vector with fewer than FEWEST measured neighbours cannot be judged and is kept.
     """
     believed = measured
     for _ in range(_ROUNDS):

@@ -82,7 +82,7 @@ def _densities(axes: Axes, twins: tuple[Twin, ...], best: Twin) -> None:
     twins = tuple(sorted(twins, key=lambda t: t.particles_per_microlens))
     density = [t.particles_per_microlens for t in twins]
     for axis, (label, colour) in enumerate((("x", BLUE), ("y", ORANGE), ("z", GREEN))):
-        axes.plot(density, [t.score.final.rms[axis] for t in twins], "o-", color=colour, label=f"along {label}")
+        axes.plot(density, [t.errors.rms[axis] for t in twins], "o-", color=colour, label=f"along {label}")
     axes.axvline(best.particles_per_microlens, color=INK, linestyle=":", linewidth=0.8, label="least error")
     axes.set(
         xlabel="particles per microlens (ppm)", ylabel="RMS error (voxel)", title="error and seeding", xscale="log"
