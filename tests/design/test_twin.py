@@ -1,0 +1,61 @@
+"""Twins: their sensors see what they measure, and a good camera's twin measures well."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plenopiv.cameras.coverage import seen_by_every_view_mm
+from plenopiv.cameras.presets import preset
+from plenopiv.design.advice import suggested
+from plenopiv.design.twin import cut, reconstructed_pair, twin
+
+
+def test_a_large_sensor_is_cut_to_what_some_vectors_take():
+    camera = preset("29mp")
+    asked = suggested(camera)
+    small, measured = cut(camera, asked, vectors=60)
+    assert small.sensor.columns < camera.sensor.columns / 4
+    assert measured.limits_mm[2] == asked.limits_mm[2]
+    assert measured.windows == asked.windows
+    x, y = (float(min(side)) for side in seen_by_every_view_mm(small, measured.limits_mm[2]))
+    assert measured.limits_mm[0][1] <= x < 1.05 * measured.limits_mm[0][1]
+    assert measured.limits_mm[1][1] <= y < 1.05 * measured.limits_mm[1][1]
+
+
+def test_a_small_sensor_is_its_own_twin():
+    camera = preset("pmr14")
+    asked = suggested(camera)
+    small, measured = cut(camera, asked, vectors=10_000)
+    assert (small.sensor.columns, small.sensor.rows) == (448, 448)
+    assert measured == asked
+
+
+@pytest.fixture(scope="module")
+def shallow():
+    camera = preset("pmr14")
+    camera = replace(camera, sensor=replace(camera.sensor, columns=520, rows=520))
+    return camera, suggested(camera, (-1.6, 1.6))
+
+
+def test_twins_follow_from_their_seed_and_measure_motion_with_its_signs(shallow):
+    camera, asked = shallow
+    pair = reconstructed_pair(camera, asked, vectors=10, seed=4)
+    field = pair.displaced(np.ones(pair.measurement.grid.shape[0], np.float32)).isel(time=0)
+    again = reconstructed_pair(camera, asked, vectors=10, seed=4)
+    np.testing.assert_array_equal(pair.frames[0].volume.values, again.frames[0].volume.values)
+    assert pair.moved_mm[0] > 0 > pair.moved_mm[1]
+    for name, moved, voxel in zip("uvw", pair.moved_mm, asked.voxel_mm, strict=True):
+        measured_mm = 1e3 * 5e-4 * float(field[name].median())
+        assert measured_mm == pytest.approx(moved, abs=0.25 * voxel)
+
+
+def test_twin_gathers_pairs_until_there_are_vectors_enough(shallow):
+    camera, asked = shallow
+    found = twin(camera, asked, vectors=80)
+    assert found.pairs == 2
+    assert found.vectors >= 0.7 * 80
+    assert found.errors.gross == 0.0
+    assert max(found.errors.rms[:2]) < 0.15
+    assert len(found.planes) == len({plane.z_mm for plane in found.planes}) > 1
+    assert 0 < found.candidates < 0.3
