@@ -26,7 +26,7 @@ from plenopiv.lattice import Lattice
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.recording import simulate_recording
 
-VECTORS, MOST_RECORDINGS = 120, 30
+VECTORS, MOST_RECORDINGS = 400, 40
 HERE = Path(__file__).parent
 
 

@@ -36,10 +36,10 @@ from plenopiv.velocity import velocity_dataset
 if TYPE_CHECKING:
     import xarray as xr
 
-VECTORS = 200  # judged, about
+VECTORS = 300  # judged, about
 ACROSS = 3, 9  # vectors along x and along y, at least and at most, as far as the sensor sees them
-MOST_PAIRS = 12
-ENOUGH = 0.7  # of the vectors: no second pair for the last few
+MOST_PAIRS = 16
+ENOUGH = 0.9  # of the vectors: no further pair for the last few
 TURN_RAD, OFFSET = radians(0.1), (0.4, 0.28)  # of a lattice as they come: turned, its place in pitches off the axis
 SHIFT = (1 / 12, -1 / 19, 1 / 11.7)  # displacement in last windows along x, y, z: no whole voxels
 DT_S = 0.0005
