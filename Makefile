@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full lint bench bench-full figures lock clean
+.PHONY: help demo test test-full lint bench bench-full paper figures lock clean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' Makefile
@@ -40,6 +40,15 @@ bench-full: bench  ## and all conditions of docs/accuracy.md, the paper's full s
 	$(BIN)/python benchmarks/speed/memory.py build/accuracy/scores.jsonl
 	$(BIN)/python benchmarks/speed/scaling.py build/accuracy/scores.jsonl build/accuracy
 	$(BIN)/python benchmarks/speed/page.py
+
+paper: $(VENV)/.ready  ## draw the source paper's figures anew, and write docs/paper.md from their numbers
+	$(BIN)/python paper/resolution.py
+	$(BIN)/python paper/point_images.py
+	$(BIN)/python paper/single_particles.py
+	$(BIN)/python paper/candidates_over_depth.py
+	$(BIN)/python paper/time_and_density.py
+	$(BIN)/python paper/normalisation.py
+	$(BIN)/python paper/page.py
 
 figures: $(VENV)/.ready  ## draw the pictures of the README from the demo
 	$(BIN)/python docs/make_figures.py

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from plenopiv.volume import SparseVolume
 ROOT = Path(__file__).parents[1]
 PICTURES, RESULTS = ROOT / "docs" / "images" / "paper", ROOT / "paper" / "results"
 DEPTH_MM, REDUCED_DEPTH_MM = (-4.0, 4.0), (-1.5, 1.5)
+PIXELS = 2000  # of the sensor, so that it sees that depth
 INNER = 0.8  # of the volume's width: where its borders do not matter
 END_PLANES = 3
 COLOURS = {
@@ -98,7 +100,8 @@ def quality(pair: Pair, weight: NDArray[np.float32]) -> float:
 def measured(depth_mm: tuple[float, float], vectors: int) -> dict[str, Any]:
     """All numbers."""
     camera = preset("pmr14")
-    asked = suggested(_wide(camera), depth_mm)
+    camera = replace(camera, sensor=replace(camera.sensor, columns=PIXELS, rows=PIXELS))  # a twin is cut out of it
+    asked = suggested(camera, depth_mm)
     pair = reconstructed_pair(camera, asked, vectors=vectors)
     rays = reconstructed_pair(camera, asked, vectors=vectors, weights="1-ray")
     z = pair.measurement.grid.axes()[2]
@@ -121,13 +124,6 @@ def measured(depth_mm: tuple[float, float], vectors: int) -> dict[str, Any]:
             "rms_by_plane": [p.rms for p in planes],
         }
     return found
-
-
-def _wide(camera):
-    """The same camera on a sensor that sees the depth; a twin is cut out of it."""
-    from dataclasses import replace
-
-    return replace(camera, sensor=replace(camera.sensor, columns=2000, rows=2000))
 
 
 def _true_light(pair: Pair, z: Array) -> Array:

@@ -2,7 +2,7 @@
 
 NAMES are presets, default the paper's three cameras. A full run is a recording of the camera's own sensor, simulated
 with its white image and run as a user would; cameras with few windows are recorded several times, until some hundred
-vectors are judged. Both move uniformly. Appends to designed.json beside this file and prints a table.
+vectors are judged. Both move uniformly. Adds to designed.json beside this file and writes the table of docs/design.md.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from plenopiv.simulation.recording import simulate_recording
 
 VECTORS, MOST_RECORDINGS = 400, 40
 HERE = Path(__file__).parent
+PAGE = HERE.parents[1] / "docs" / "design.md"
+BEGIN, END = "<!-- designed: begin -->", "<!-- designed: end -->"
 
 
 def recorded(camera: PlenopticCamera, measured: Measurement, folder: Path, seed: int) -> Score:
@@ -92,6 +94,24 @@ def main() -> None:
         told = " ".join(f"{p:.3f}" for p in predicted.rms), " ".join(f"{s:.3f}" for s in scored.rms)
         print(f"{key}: predicted {told[0]}, scored {told[1]} ({rows[key]['vectors']} vectors): {off}", flush=True)
         path.write_text(json.dumps(rows, indent=1) + "\n")
+    text = PAGE.read_text()
+    before, rest = text.split(BEGIN)
+    PAGE.write_text(f"{before}{BEGIN}\n{table(rows)}\n{END}{rest.split(END)[1]}")
+
+
+def table(rows: dict[str, dict]) -> str:
+    """Markdown: what was predicted, what was scored, and by how much they differ."""
+    lines = [
+        "| camera | predicted | scored | off, % | vectors, twin and run | z by thirds of depth, predicted | scored |",
+        "|---|---|---|---|---:|---|---|",
+    ]
+    for name, row in rows.items():
+        off = " / ".join(f"{100 * (p / s - 1):+.0f}" for p, s in zip(row["predicted"], row["scored"], strict=True))
+        rms = (" / ".join(f"{e:.3f}" for e in row[key]) for key in ("predicted", "scored"))
+        depth = (" / ".join(f"{b[2]:.2f}" for b in row[f"{key}_by_depth"]) for key in ("predicted", "scored"))
+        counted = f"{row['vectors_of_twin']}, {row['vectors']}"
+        lines.append(f"| {' | '.join([name, *rms, off, counted, *depth])} |")
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":
