@@ -165,7 +165,7 @@ def draw(found: dict[str, Any], to: Path) -> None:
     depth.set(ylabel="RMS error (voxel)", title="displacement in depth")
     for axes in (plane, depth):
         axes.set_ylim(bottom=0)
-    depth.legend(frameon=False, fontsize=8)
+    depth.legend(frameon=False, fontsize=7, loc="upper left")
     figure.savefig(to / "normalisation.png", dpi=100)
     plt.close(figure)
 
