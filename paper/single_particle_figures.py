@@ -18,6 +18,7 @@ LOOKS = {
     "bound": ("DRT-MART", BLUE, "s"),
     "product": ("DRT-MART, paper's product", GREEN, "^"),
 }
+ERROR_UM = 25.0  # shown; a third of a voxel. The dead zone has more
 EXACT_NAMES = {"gauss": "Gaussian, 3 voxels", "point": "a point", "wide": "Gaussian, 51 um wide"}
 
 
@@ -34,7 +35,8 @@ def lines(axes: Axes, results: Row, series: str, value, methods=tuple(LOOKS)) ->
     for method in methods:
         name, colour, marker = LOOKS[method]
         depths, mean, scatter = over_depth(results["rows"], series, method, value)
-        axes.plot(depths, mean, marker + "-", color=colour, ms=3, lw=1, label=name)
+        size, fill = (6, "none") if method == "mart" else (3, "full")  # the others lie on it
+        axes.plot(depths, mean, marker + "-", color=colour, ms=size, fillstyle=fill, lw=1, label=name)
         if scatter.any():
             axes.fill_between(depths, mean - scatter, mean + scatter, color=colour, alpha=0.15, lw=0)
     zone(axes, results)
@@ -49,15 +51,18 @@ def zone(axes: Axes, results: Row) -> None:
 
 @rc_context(STYLE)
 def centres_and_quality(results: Row) -> Figure:
-    """Fig. 9a and b, on the axis, and the same over a microlens."""
-    figure = Figure(figsize=(10.5, 6.8), layout="constrained")
-    panels = figure.subplots(2, 2)
+    """Fig. 9a and b, on the axis, and the same over a microlens; between them the centre's error."""
+    figure = Figure(figsize=(10.5, 9.2), layout="constrained")
+    panels = figure.subplots(3, 2)
     for across, (series, name) in enumerate((("axis", "on the axis"), ("spread", "over a microlens: mean, scatter"))):
-        centre, quality = panels[:, across]
+        centre, error, quality = panels[:, across]
         depths = over_depth(results["rows"], series, "mart", lambda r: 0.0)[0]
         centre.plot(depths, depths, color=INK, lw=0.8, label="true")
         lines(centre, results, series, lambda r: r["at_mm"][2] + r["off_mm"]["whole"][2])
         centre.set(title=f"centre, {name}", ylabel="reconstructed centre z (mm)")
+        error.axhline(0.0, color=INK, lw=0.8)
+        lines(error, results, series, lambda r: 1e3 * r["off_mm"]["whole"][2])
+        error.set(title=f"its error, {name}", ylabel="centre z less the true one (um)", ylim=(-ERROR_UM, ERROR_UM))
         lines(quality, results, series, lambda r: r["q"]["gauss"])
         quality.set(title=f"quality, {name}", ylabel="Q (exact: Gaussian of 3 voxels)", ylim=(0, 1))
     panels[0, 0].legend(frameon=False)

@@ -90,3 +90,15 @@ def test_time_and_density(tmp_path):
     assert kept["mart", 1.0] == kept["mart", 2.0] == 1.0
     assert 0 < kept["bound", 1.0] < kept["bound", 2.0] < 1.0
     assert all(r["seconds"] > 0 and 0 < r["q"] < 1 for r in rows)
+
+
+def test_candidates_over_depth(tmp_path):
+    import candidates_over_depth
+
+    candidates_over_depth.main(tmp_path, reduced=True)
+    rows = written(tmp_path, "candidates_over_depth", "candidates-over-depth")["rows"]
+    on_axis = {(r["weights"], round(r["at_mm"][2] / 0.077)): r for r in rows if r["place"] == 0}
+    for weights in ("9-rays", "exact"):
+        assert on_axis[weights, 0]["voxels"] > 5 * on_axis[weights, -14]["voxels"] > 0  # all of a microlens
+        assert on_axis[weights, 0]["planes"] >= 5
+    assert on_axis["9-rays", -13]["voxels"] > 2 * on_axis["9-rays", -14]["voxels"]  # a plane apart
