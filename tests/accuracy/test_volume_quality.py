@@ -78,3 +78,17 @@ def test_the_centre_of_a_box_weighs_by_intensity():
     centre = intensity_centre_mm(DenseVolume(GRID, values), (x[20], y[15], z[10]), (0.1, 0.1, 0.2))
     np.testing.assert_allclose(centre, [(3 * x[20] + x[22]) / 4, y[15], (2 * z[10] + 2 * z[11]) / 4])
     assert np.isnan(intensity_centre_mm(DenseVolume(GRID, values), (x[40], y[2], z[2]), (0.05, 0.05, 0.1))).all()
+
+
+def test_a_particle_may_be_wider_along_one_axis():
+    """Diameters go with x, y, z: the second moment along each axis is sigma^2 and a voxel's 1/12."""
+    diameters = (4.0, 6.0, 8.0)
+    place = np.zeros(3)
+    volume = exact_volume([place], 1.0, GRID, diameters).values.astype(float)
+    index = (place - GRID.first_mm) / GRID.voxel_mm
+    for axis, (diameter, centre, over) in enumerate(zip(diameters, index, ((0, 1), (0, 2), (1, 2)), strict=True)):
+        along = volume.sum(over)
+        moment = along @ (np.arange(len(along)) - centre) ** 2 / along.sum()
+        assert moment == pytest.approx((diameter / 4) ** 2 + 1 / 12, rel=0.02), "xyz"[axis]
+    one, three = (exact_volume([place], 1.0, GRID, diameter) for diameter in (4.0, (4.0, 4.0, 4.0)))
+    np.testing.assert_array_equal(one.values, three.values)

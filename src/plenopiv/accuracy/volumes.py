@@ -42,22 +42,23 @@ def reconstruction_quality(reconstructed: Volume, exact: Volume) -> float:
 
 
 def exact_volume(
-    position_mm: ArrayLike, light: ArrayLike, grid: VoxelGrid, diameter_voxels: float = 3.0
+    position_mm: ArrayLike, light: ArrayLike, grid: VoxelGrid, diameter_voxels: float | tuple[float, float, float] = 3.0
 ) -> DenseVolume:
-    """E0: every particle a Gaussian of e^-2 diameter ``diameter_voxels`` (4 standard deviations) along each axis.
+    """E0: every particle a Gaussian of e^-2 diameter ``diameter_voxels`` (4 standard deviations) along each axis, or
+    of one for each of x, y and z.
 
     ``position_mm`` (n, 3) as x, y, z; ``light`` (n,) or one number, the sum over a particle's voxels. The Gaussian is
     integrated over each voxel and cut at 4 standard deviations. It is as wide along z as in the plane *in voxels*: with
     voxels longer in depth, the exact particle is longer in depth too. Three voxels are Elsinga's particle.
     """
     nz, ny, nx = grid.shape
-    sigma = diameter_voxels / 4.0
+    sigmas = np.broadcast_to(np.asarray(diameter_voxels, np.float64) / 4.0, 3)
     index = (np.asarray(position_mm, np.float64) - grid.first_mm) / grid.voxel_mm
     light = np.broadcast_to(np.asarray(light, np.float64), index.shape[:1])
     values = np.zeros(grid.shape, np.float32)
     for place, brightness in zip(index, light, strict=True):
         spans, shares = [], []
-        for centre, n in zip(place[::-1], (nz, ny, nx), strict=True):
+        for centre, sigma, n in zip(place[::-1], sigmas[::-1], (nz, ny, nx), strict=True):
             lo = max(int(np.ceil(centre - REACH * sigma - 0.5)), 0)
             hi = min(int(np.floor(centre + REACH * sigma + 0.5)) + 1, n)
             faces = np.arange(lo, max(hi, lo) + 1) - 0.5 - centre

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from plenopiv.cameras.coverage import half_sensor_mm
 from plenopiv.lightfield import Layout
 from plenopiv.projection import geometry, pixels, pruning, sparse
+from plenopiv.projection.borders import borders_coincide, too_dark_together
 from plenopiv.projection.mapped import MappedViews
 from plenopiv.projection.maps import ACROSS
 from plenopiv.threads import in_threads
@@ -142,7 +143,8 @@ class Projector:
     def voxels_within(self, bound: NDArray[np.float32], particle: float) -> SparseVolume:
         """The seen voxels in which a particle of ``particle`` counts gives no pixel more than ``bound`` (view, lens).
 
-        ``judging_views`` are asked. Exact weights are the least within a voxel.
+        ``judging_views`` are asked. Exact weights are the least within a voxel; voxels in focus that lie across
+        microlenses are judged by all of their pixels together (``borders``).
         """
         where, order = self.layout, self.judging_views
         bound = np.where(where.seen, bound, np.float32(np.inf))
@@ -154,7 +156,7 @@ class Projector:
         parameters = where.offsets, order, self._lens_mm, where.phase, where.fill, bound, np.float32(particle)
         nz, ny, nx = self.grid.shape
 
-        seen = self.seen_from_the_middle()
+        seen, whole = self.seen_from_the_middle(), order[~self._rim[order]]
 
         def planes() -> Iterator[NDArray[np.bool_]]:
             for lo in range(0, nz, SLAB):
@@ -165,7 +167,11 @@ class Projector:
                 table, most, half_step = self._planes[slab], largest[slab], blur[slab].astype(np.float32)
                 about = self._rows, table, most, self.rule, self._rim, *parameters, half_step, alive
                 in_threads(pruning.prune, len(alive), *about)
-                yield from alive[:, :, :nx] > 0
+                for k, plane in enumerate(alive[:, :, :nx] > 0, lo):
+                    if self.rule == pixels.EXACT and borders_coincide(where, self.grid, k):
+                        counts = particle * float(self.light_of_planes()[k])
+                        plane &= ~too_dark_together(where, self.grid, k, plane, bound, counts, whole)
+                    yield plane
 
         return SparseVolume.from_planes(self.grid, planes())
 
