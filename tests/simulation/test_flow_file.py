@@ -94,7 +94,7 @@ def holed(data):
         (lambda d: d.drop_vars("z"), "has no coordinate z"),
         (lambda d: d.isel(z=0, drop=True), "u has dimensions"),
         (lambda d: d.isel(z=[0]), "one point along z"),
-        (lambda d: d.isel(x=slice(4)), "4 points along x, a spline of degree 5 needs 6 or more"),
+        (lambda d: d.isel(x=slice(3)), "3 points along x; splines need 4 or more"),
     ],
 )
 def test_what_cannot_be_used_is_one_line(tmp_path, change, said):

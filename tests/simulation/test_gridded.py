@@ -41,6 +41,13 @@ def test_polynomials_of_degree_five_are_exact_up_to_the_faces():
     assert field(points) == pytest.approx(polynomial(points), abs=1e-10)
 
 
+@pytest.mark.parametrize("points", [4, 5])
+def test_few_planes_take_a_cubic(points):
+    field = gridded(lambda p: p**3, (8, 8, points))
+    inner = inside(field)
+    assert field(inner) == pytest.approx(inner**3, abs=1e-10)
+
+
 @pytest.mark.parametrize("axis", range(3))
 def test_each_component_grows_along_its_axis_alone(axis):
     """Component k + 1 grows along axis k: swapped axes or components would show."""
@@ -129,7 +136,7 @@ def test_points_outside_are_refused_or_still():
 
 
 def test_too_few_points_and_holes_are_told():
-    with pytest.raises(PlenoPIVError, match="5 points along y"):
-        gridded(lambda p: p, (6, 5, 6))
+    with pytest.raises(PlenoPIVError, match="3 points along y; splines need 4"):
+        gridded(lambda p: p, (6, 3, 6))
     with pytest.raises(PlenoPIVError, match="10 of 1080 grid points are NaN"):
         gridded(lambda p: np.where(np.arange(len(p))[:, None] < 10, np.nan, p))

@@ -17,7 +17,8 @@ from plenopiv.errors import PlenoPIVError
 Outside = Literal["error", "zero", "periodic"]
 OUTSIDE: tuple[str, ...] = get_args(Outside)
 DEGREE = 5
-FEWEST_POINTS = DEGREE + 1
+ROUNDING = 1e-6  # of the spacing: points so near a face lie on it
+FEWEST_POINTS = 4  # along an axis; fewer than six take cubic splines there
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +34,7 @@ class GriddedVelocity:
     Periodic: see ``_mixed_splines``; free of divergence where the grid's Fourier series is.
 
     Raises:
-        PlenoPIVError: fewer than six points along an axis, values that are not finite; when called, points outside.
+        PlenoPIVError: fewer than four points along an axis, values that are not finite; when called, points outside.
     """
 
     velocity_m_s: NDArray = field(repr=False)
@@ -50,8 +51,7 @@ class GriddedVelocity:
         for axis, points in zip("zyx", values.shape[:3], strict=True):
             if points < FEWEST_POINTS:
                 raise PlenoPIVError(
-                    f"flow: {self.name}: {points} points along {axis}, a spline of degree {DEGREE} needs "
-                    f"{FEWEST_POINTS} or more"
+                    f"flow: {self.name}: {points} points along {axis}; splines need {FEWEST_POINTS} or more"
                 )
         if wrong := int((~np.isfinite(values)).any(-1).sum()):
             raise PlenoPIVError(
@@ -74,38 +74,38 @@ class GriddedVelocity:
         last = np.asarray(self.velocity_m_s.shape[2::-1]) - 1
         if self.outside == "periodic":
             return self._at(np.mod(index, last + 1))
-        off = ((index < -1e-9) | (index > last + 1e-9)).any(1)
+        off = (index < -ROUNDING) | (index > last + ROUNDING)
         if off.any() and self.outside == "error":
-            self._refuse(points)
+            axis = int(off.any(0).argmax())
+            (lo, hi), asked = self.limits_mm[axis], points[:, axis]
+            raise PlenoPIVError(
+                f"flow: {self.name}: asked for {'xyz'[axis]} = {asked.min():.3f} to {asked.max():.3f} mm in the file's "
+                f"frame, it holds {'xyz'[axis]} = {lo:.3f} to {hi:.3f} mm; reduce the volume or margin_mm, move at_mm, "
+                'or set outside = "zero" or "periodic"'
+            )
         velocity = self._at(np.clip(index, 0.0, last))
-        velocity[off] = 0.0
+        velocity[off.any(1)] = 0.0
         return velocity
 
     def _at(self, index: NDArray) -> NDArray[np.float64]:
         """Velocity (n, 3) at grid indices along x, y, z."""
         return np.concatenate([spline(index[:, ::-1]) for spline in self._splines], -1)
 
-    def _refuse(self, points_mm: NDArray) -> None:
-        """Name the first axis on which points lie outside, and both ranges."""
-        for axis, (lo, hi), asked in zip("xyz", self.limits_mm, points_mm.T, strict=True):
-            if asked.min() < lo - 1e-9 or asked.max() > hi + 1e-9:
-                raise PlenoPIVError(
-                    f"flow: {self.name}: asked for {axis} = {asked.min():.3f} to {asked.max():.3f} mm in the file's "
-                    f"frame, it holds {axis} = {lo:.3f} to {hi:.3f} mm; reduce the volume or margin_mm, move at_mm, or "
-                    'set outside = "zero" or "periodic"'
-                )
-
 
 def _spline(values: NDArray) -> Any:
-    """The interpolating spline of degree five over grid indices (z, y, x) of values (z, y, x, 3), "not-a-knot"."""
+    """The interpolating spline of degree five over grid indices (z, y, x) of values (z, y, x, 3), "not-a-knot".
+
+    Of degree three along an axis of four or five points.
+    """
     from scipy.interpolate import NdBSpline, make_interp_spline
 
-    coefficients, knots = values, []
+    coefficients, knots, degrees = values, [], []
     for axis, points in enumerate(values.shape[:3]):
-        fitted = make_interp_spline(np.arange(points, dtype=float), coefficients, k=DEGREE, axis=axis)
+        degrees.append(DEGREE if points > DEGREE else 3)
+        fitted = make_interp_spline(np.arange(points, dtype=float), coefficients, k=degrees[-1], axis=axis)
         coefficients = np.moveaxis(fitted.c, 0, axis)
         knots.append(fitted.t)
-    return NdBSpline(tuple(knots), np.ascontiguousarray(coefficients), DEGREE)
+    return NdBSpline(tuple(knots), np.ascontiguousarray(coefficients), tuple(degrees))
 
 
 def _mixed_splines(values: NDArray) -> tuple[Any, ...]:
