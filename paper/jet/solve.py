@@ -6,7 +6,7 @@ solves. Lengths are in D, velocities in U, times in D/U; Re = U D/nu.
 
     python3.11 -m venv build/jet
     build/jet/bin/pip install fluidsim==26.10.0 fluidfft==0.4.5 pyfftw==0.15.1
-    build/jet/bin/python paper/jet/solve.py 192 128 128 10
+    build/jet/bin/python paper/jet/solve.py 192 128 128 8
 
 writes build/jet/192x128x128/state-<time>.npz at every time of SAVED: vx, vy, vz as (z, y, x). A run goes on from the
 newest of them. A fourth number is the time to stop at. nice -n 19 keeps the machine usable meanwhile.
@@ -19,12 +19,9 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+
 BUILD = Path(__file__).parents[2] / "build" / "jet"
-os.environ.setdefault("FLUIDSIM_PATH", str(BUILD / "fluidsim"))
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
-import numpy as np  # noqa: E402
-
 BOX = (6.0, 4.0, 4.0)  # along x, y, z: 36 x 24 x 24 mm for D = 6 mm; the jet's images are four diameters away
 REYNOLDS = 2500.0
 LAYER = 0.05  # delta of u = (1 - tanh((r - 1/2) / delta)) / 2, so momentum thickness 1/40, vorticity thickness 1/10
@@ -95,6 +92,8 @@ def start(sim, fields) -> None:
 
 def main() -> None:
     """Solve to the last time of SAVED."""
+    os.environ.setdefault("FLUIDSIM_PATH", str(BUILD / "fluidsim"))  # both before the solver is imported
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     nx, ny, nz = (int(n) for n in sys.argv[1:4])
     last = float(sys.argv[4]) if len(sys.argv) > 4 else SAVED[-1]
     BUILD.mkdir(parents=True, exist_ok=True)

@@ -191,9 +191,14 @@ def read_netcdf(path: Path, variables: tuple[str, ...] = (), time: int | None = 
         np.stack([c.values for c in components], -1),
         first,
         spacing,
-        tuple(one[axis].attrs.get("units") for axis in "xyz"),
-        tuple(c.attrs.get("units") for c in components),
+        tuple(_stated(one[axis]) for axis in "xyz"),
+        tuple(_stated(c) for c in components),
     )
+
+
+def _stated(variable) -> str | None:
+    """A variable's units, None where it has none."""
+    return str(variable.attrs["units"]) if "units" in variable.attrs else None
 
 
 def _at_time(path: Path, component, time: int | None):
