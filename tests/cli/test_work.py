@@ -73,3 +73,47 @@ def test_info_of_a_velocity_file_and_of_others(tmp_path, capsys, one_line):
     assert "mean -0.2" in text
     assert "info reads experiment files" in one_line("info", tmp_path / "notes.txt")
     assert "no such file" in one_line("info", tmp_path / "none.nc")
+
+
+def test_simulate_a_jet_and_a_field_from_a_file(folder, tmp_path, one_line):
+    """The camera looks at the jet's shear layer; the file lies beside the experiment file."""
+    import json
+
+    import xarray as xr
+
+    from plenopiv.simulation.flows import flow
+
+    def truth(name):
+        with np.load(tmp_path / name / "truth_particles.npz") as particles:
+            a, b = particles["a"], particles["b"]
+        return 0.5 * (a + b), (b - a) * 1e-3 / 0.0005, json.loads((tmp_path / name / "truth.json").read_text())
+
+    file = folder / "experiment.toml"
+    plain = file.read_text()
+    jet = SIMULATION.replace('"uniform"', '"jet"').replace("velocity_m_s = [0.1, 0.0, 0.0]", "at_mm = [2.0, 3.0, 0.0]")
+    file.write_text(plain + jet)
+    assert main(["simulate", str(file), str(tmp_path / "jet")]) == 0
+    middle, velocity_m_s, told = truth("jet")
+    np.testing.assert_allclose(velocity_m_s, flow("jet", at_mm=(2.0, 3.0, 0.0))(middle), atol=5e-3)
+    assert np.ptp(velocity_m_s[:, 0]) > 0.1
+    assert told["flow"] == "jet"
+    assert told["flow_parameters"] == {"at_mm": [2.0, 3.0, 0.0], "speed": 1.0}
+
+    axis = np.linspace(-3.0, 3.0, 9)
+    z = np.broadcast_to(axis[:, None, None], (9, 9, 9))
+    rates = zip("uvw", (40.0, 0.0, 0.0), strict=True)
+    values = {name: (("z", "y", "x"), rate * z, {"units": "mm/s"}) for name, rate in rates}
+    axes = {name: (name, axis, {"units": "mm"}) for name in "xyz"}
+    xr.Dataset(values, axes).to_netcdf(folder / "shear.nc", engine="h5netcdf")
+    own = SIMULATION.replace('"uniform"', '"file"').replace("velocity_m_s = [0.1, 0.0, 0.0]", 'path = "shear.nc"')
+    file.write_text(plain + own)
+    assert main(["simulate", str(file), str(tmp_path / "file")]) == 0
+    middle, velocity_m_s, _ = truth("file")
+    np.testing.assert_allclose(velocity_m_s[:, 0], 0.04 * middle[:, 2], atol=1e-5)
+
+    file.write_text(plain + own.replace("shear.nc", "none.nc"))
+    assert f"simulation.flow: {folder / 'none.nc'}: no such file" in one_line("simulate", file, tmp_path / "no")
+    file.write_text(plain + own.replace('path = "shear.nc"', 'path = "shear.nc", at_mm = [2.5, 0.0, 0.0]'))
+    message = one_line("simulate", file, tmp_path / "no")
+    assert "shear.nc: asked for x = " in message
+    assert 'set outside = "zero" or "periodic"' in message

@@ -1,10 +1,10 @@
-"""Flows against closed forms; all divergence-free; advection of fourth order."""
+"""Analytic flows against closed forms; all divergence-free; advection of fourth order."""
 
 import numpy as np
 import pytest
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.simulation.flows import FLOWS, advect, describe, flow
+from plenopiv.simulation.flows import ANALYTIC, advect, describe, flow
 
 POINTS = np.random.default_rng(0).uniform(-3, 3, (200, 3))
 
@@ -19,13 +19,13 @@ def gradient(velocity, points_mm, h=1e-4):
     return np.stack(columns, -1)
 
 
-@pytest.mark.parametrize("name", list(FLOWS))
+@pytest.mark.parametrize("name", list(ANALYTIC))
 def test_divergence_free(name):
     g = gradient(flow(name), POINTS)
     assert np.abs(np.trace(g, axis1=1, axis2=2)).max() <= 1e-5 * max(np.abs(g).max(), 1.0)
 
 
-@pytest.mark.parametrize("name", list(FLOWS))
+@pytest.mark.parametrize("name", list(ANALYTIC))
 def test_drift_is_added(name):
     if name == "uniform":
         assert flow(name, velocity_m_s=(1.0, 2.0, 3.0))(POINTS) == pytest.approx(np.tile([1.0, 2.0, 3.0], (200, 1)))

@@ -40,8 +40,11 @@ def recorded(experiment: Experiment, folder: Path, overwrite: bool) -> Simulated
     if folder.resolve() == experiment.folder.resolve():
         raise PlenoPIVError(f"{folder}: holds the experiment file itself; name another folder for the recording")
     volume = experiment.volume
+    parameters = dict(wanted.parameters)
+    if "path" in parameters:
+        parameters["path"] = str(experiment.folder / str(parameters["path"]))
     try:
-        velocity = flow(wanted.flow, **wanted.parameters)
+        velocity = flow(wanted.flow, **parameters)
     except (PlenoPIVError, TypeError) as error:
         raise PlenoPIVError(f"{experiment.path}: simulation.{error}") from None
     with Progress() as progress:

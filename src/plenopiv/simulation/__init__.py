@@ -1,7 +1,9 @@
 """Synthetic recordings: particles in a flow, traced through the camera, digitised like a sensor does.
 
 - ``particles``: seeding a box at a number of particles per microlens
-- ``flows``: analytic velocity fields and their advection
+- ``flows``: velocity fields by name, analytic ones, and the advection of particles
+- ``flow_file``, ``vtk_image``: velocity fields from files, and the jet that is shipped
+- ``gridded``: splines between the points of a grid
 - ``images``: Monte-Carlo ray tracing of particles (Eqs. 1-5 of Shi, Ding & New 2016)
 - ``white``: the image of the evenly lit main lens under every microlens
 - ``sensor_noise``: electrons to counts

@@ -1,7 +1,8 @@
-"""Analytic, steady, divergence-free flows: velocity in m/s at points in mm, and the advection of particles.
+"""Steady flows: velocity in m/s at points in mm, and the advection of particles.
 
-Every flow is a callable ``(n, 3) mm -> (n, 3) m/s`` and has a closed form to test against. ``flow(name, **parameters)``
-makes one by name. Angles turn right-handed about the axis named: about +y, z turns towards x.
+Every flow is a callable ``(n, 3) mm -> (n, 3) m/s``; ``flow(name, **parameters)`` makes one by name. The analytic ones
+are free of divergence and have a closed form to test against; "jet" and "file" come from ``flow_file``. Angles turn
+right-handed about the axis named: about +y, z turns towards x.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.errors import PlenoPIVError
+from plenopiv.simulation.flow_file import FlowFile, Jet
 
 Vector = tuple[float, float, float]
 Velocity = Callable[[NDArray], NDArray]
@@ -165,7 +167,7 @@ class ABC:
         return np.stack([u, v, w], -1) + np.asarray(self.drift_m_s, float)
 
 
-FLOWS: dict[str, type] = {
+ANALYTIC: dict[str, type] = {
     "uniform": Uniform,
     "shear": Shear,
     "rotation": Rotation,
@@ -173,6 +175,7 @@ FLOWS: dict[str, type] = {
     "abc": ABC,
     "lamb-oseen": LambOseen,
 }
+FLOWS: dict[str, type] = {**ANALYTIC, "jet": Jet, "file": FlowFile}
 
 
 def _nearest(wrong: str, right: list[str]) -> str:
@@ -183,7 +186,8 @@ def _nearest(wrong: str, right: list[str]) -> str:
 def flow(name: str, **parameters: Any) -> Velocity:
     """A flow by its name in ``FLOWS`` with its dataclass' parameters.
 
-    Raises PlenoPIVError for an unknown name or parameter, naming the nearest right one.
+    Raises PlenoPIVError for an unknown name or parameter, naming the nearest right one, and for a file that cannot be
+    used.
     """
     if name not in FLOWS:
         raise PlenoPIVError(f"flow: no flow is called '{name}', {_nearest(name, list(FLOWS))}")
