@@ -26,7 +26,7 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.sensor import Sensor
 
 Vector = tuple[float, float, float]
-UNDISTORT_STEPS = 20  # of Newton's method; four are enough for any lens
+UNDISTORT_STEPS = 8  # of Newton's method; four are enough for most lenses
 
 
 def rotation_matrix(rotation_rad: ArrayLike) -> NDArray[np.float64]:

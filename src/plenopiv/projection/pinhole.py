@@ -147,10 +147,13 @@ def sight_of(camera: PinholeCamera, grid: VoxelGrid) -> Sight:
     step = 0.5 * np.diag(grid.voxel_mm)
     across = camera.project(centre + step) - camera.project(centre - step)  # (x y z, column row)
     side = np.maximum(np.sqrt((across**2).sum(0)), NARROWEST)
+    half_column, half_row = (float(s) for s in 0.5 * side)
+    column0, row0 = camera.principal_point
+    k1, k2 = camera.distortion
+    sensor = camera.sensor
     return Sight(
-        steps, camera.focal_length_px, *camera.principal_point, *camera.distortion,
-        *(float(s) for s in 0.5 * side), camera.sensor.columns, camera.sensor.rows,
-    )  # fmt: skip
+        steps, camera.focal_length_px, column0, row0, k1, k2, half_column, half_row, sensor.columns, sensor.rows
+    )
 
 
 def _check_view(camera: PinholeCamera, grid: VoxelGrid, name: str) -> None:
@@ -159,8 +162,8 @@ def _check_view(camera: PinholeCamera, grid: VoxelGrid, name: str) -> None:
     corners = np.stack(np.meshgrid(*limits), -1).reshape(-1, 3)
     if camera.in_camera(corners)[:, 2].max() >= 0:
         raise PlenoPIVError(
-            f"{name}: the volume reaches behind it; check its position ({', '.join(f'{c:g}' for c in camera.position_mm)}"
-            " mm) and rotation"
+            f"{name}: the volume reaches behind it; check its rotation and its position, now "
+            f"{', '.join(f'{c:g}' for c in camera.position_mm)} mm"
         )
     if share_seen(camera, limits) == 0:
         raise PlenoPIVError(

@@ -61,10 +61,10 @@ def share_of(pixel, middle, half):
 def shadow_sum(sight, image, column, row):
     """Sum of ``image`` (pixel,) over the shadow about (column, row), each pixel by its share."""
     total = F(0)
-    last_column = min(int(floor(column + sight.half_columns + 0.5)), sight.columns - 1)
-    last_row = min(int(floor(row + sight.half_rows + 0.5)), sight.rows - 1)
-    first_column = max(int(floor(column - sight.half_columns + 0.5)), 0)
-    for r in range(max(int(floor(row - sight.half_rows + 0.5)), 0), last_row + 1):
+    last_column = min(floor(column + sight.half_columns + 0.5), sight.columns - 1)
+    last_row = min(floor(row + sight.half_rows + 0.5), sight.rows - 1)
+    first_column = max(floor(column - sight.half_columns + 0.5), 0)
+    for r in range(max(floor(row - sight.half_rows + 0.5), 0), last_row + 1):
         along = F(0)
         for c in range(first_column, last_column + 1):
             along += share_of(c, column, sight.half_columns) * image[r * sight.columns + c]
@@ -75,10 +75,10 @@ def shadow_sum(sight, image, column, row):
 @inlined
 def add_shadow(sight, image, column, row, light):
     """Add ``light`` to ``image`` (pixel,) over the shadow about (column, row): the transpose of ``shadow_sum``."""
-    last_column = min(int(floor(column + sight.half_columns + 0.5)), sight.columns - 1)
-    last_row = min(int(floor(row + sight.half_rows + 0.5)), sight.rows - 1)
-    first_column = max(int(floor(column - sight.half_columns + 0.5)), 0)
-    for r in range(max(int(floor(row - sight.half_rows + 0.5)), 0), last_row + 1):
+    last_column = min(floor(column + sight.half_columns + 0.5), sight.columns - 1)
+    last_row = min(floor(row + sight.half_rows + 0.5), sight.rows - 1)
+    first_column = max(floor(column - sight.half_columns + 0.5), 0)
+    for r in range(max(floor(row - sight.half_rows + 0.5), 0), last_row + 1):
         of_row = share_of(r, row, sight.half_rows) * light
         for c in range(first_column, last_column + 1):
             image[r * sight.columns + c] += share_of(c, column, sight.half_columns) * of_row

@@ -41,7 +41,7 @@ class TomographySettings:
     """Parameters of one reconstruction from several pinhole cameras (Tomo-PIV).
 
     ``iterations``: rounds over all cameras. ``relaxation``: exponent mu of each correction, 0 < mu <= 1. ``threshold``:
-    counts above which a line of sight is lit; None lets the images decide: three times their noise, at least 1.
+    counts above which a line of sight is lit; None lets the images decide (``tomography.lit_above``).
     ``seed``: of the random order of cameras.
     """
 

@@ -20,6 +20,7 @@ from plenopiv.reconstruction.mart import Progress, mart
 from plenopiv.reconstruction.noise import Noise, noise_below
 from plenopiv.reconstruction.settings import TomographySettings
 
+LIT_SHARE = 0.05  # of what the light's pixels hold on average: a lit pixel has more
 SMALLEST_THRESHOLD = 1.0  # counts
 
 
@@ -38,7 +39,7 @@ def reconstruct_tomography(
     """
     values = projector.views_of(images)
     noise = Noise(noise_below(values[projector.seen]))
-    threshold = max(LIT_MULTIPLE * noise.dark, SMALLEST_THRESHOLD) if settings.threshold is None else settings.threshold
+    threshold = lit_above(values, noise) if settings.threshold is None else settings.threshold
     volume = projector.lit_in_every_camera(values, threshold)
     alive = volume.column.size
     if alive == 0:
@@ -58,3 +59,12 @@ def reconstruct_tomography(
         progress=progress,
     )
     return Reconstruction(volume, threshold, 0.0, noise, alive / projector.grid.size, tuple(residuals))
+
+
+def lit_above(values: NDArray[np.float32], noise: Noise) -> float:
+    """The count above which a line of sight is lit: three times the dark noise, a twentieth of the light's mean pixel
+    (sum I^2 / sum I, which does not depend on how many particles there are while they do not overlap), and 1 at
+    least."""
+    light = np.maximum(values, 0.0)
+    mean = float(np.sum(light**2, dtype=np.float64)) / max(float(np.sum(light, dtype=np.float64)), 1.0)
+    return max(LIT_MULTIPLE * noise.dark, LIT_SHARE * mean, SMALLEST_THRESHOLD)

@@ -1,4 +1,4 @@
-"""Voxels' shadows on pinhole cameras: against a loop over pixels, against the cube itself, transposes, lines of sight."""
+"""Voxels' shadows on pinhole cameras: against a loop over pixels, against the cube itself, as transposes."""
 
 from dataclasses import replace
 
@@ -74,7 +74,7 @@ def test_all_of_a_voxel_s_light_arrives():
 
 @pytest.mark.parametrize("voxel_mm", [(0.074, 0.074, 0.074), (0.074, 0.074, 0.2)])
 def test_the_square_is_as_wide_as_the_box_s_shadow(voxel_mm):
-    """Points strewn evenly in a voxel: mean and variance of their images are those of the square, for a turned camera."""
+    """Points strewn evenly in a voxel: mean and variance of their images are the square's, in a turned camera."""
     camera, grid = four_cameras(64, 25.0)[3], cubes(1, 1, 1, voxel_mm)
     points = np.random.default_rng(0).uniform(-0.5, 0.5, (400_000, 3)) * voxel_mm
     pixels = camera.project(points)
