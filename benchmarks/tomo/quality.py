@@ -18,8 +18,8 @@ from typing import Any
 import matplotlib
 
 matplotlib.use("Agg")
+from four_cameras import ELECTRONS, Scene
 from matplotlib import pyplot as plt
-from scene import ELECTRONS, Scene
 
 from plenopiv.accuracy import exact_volume, ghost_light, reconstruction_quality
 from plenopiv.projection.pinhole import PinholeProjector

@@ -45,6 +45,22 @@ def test_a_camera_is_found_from_its_board(angles, distortion):
     assert fit.camera.focal_length_px == pytest.approx(camera.focal_length_px, rel=5e-3)
 
 
+@pytest.mark.full
+def test_the_paper_s_cameras():
+    """Four of 2048 x 2048 px at 0.074 mm/px, a board of 110 x 110 mm, noise-free; distortion moves corners by 4 px."""
+    sensor = Sensor(2048, 2048, 0.0055, 12, 60.0)
+    for y in (-20.0, 20.0):
+        for x in (-20.0, 20.0):
+            camera = replace(
+                looking_at((0, 0, 0), sensor, scale_mm_px=0.074, distance_mm=600.0, about_y_deg=y, about_x_deg=x),
+                distortion=(-0.1, 0.05),
+            )
+            fit = calibrate_pinhole([board_image(camera, z) for z in DEPTHS], DEPTHS, sensor, pitch_mm=5.0)
+            print(f"\n{y} {x}: RMS {fit.rms_px:.4f} px, in the volume {worst_px(fit, camera):.4f} px at most")
+            assert fit.rms_px <= 0.05
+            assert worst_px(fit, camera) <= 0.03
+
+
 def test_a_noisy_blurred_board():
     camera = placed()
     images = [

@@ -80,14 +80,14 @@ def test_the_square_is_as_wide_as_the_box_s_shadow(voxel_mm):
     pixels = camera.project(points)
     sight = sight_of(camera, grid)
     assert pixels.mean(0) == pytest.approx(camera.project((0, 0, 0)), abs=0.005)
-    sides = 2 * np.array([sight.half_columns, sight.half_rows])
+    sides = 2 * np.array([sight.half_column, sight.half_row])
     assert pixels.std(0) == pytest.approx(sides / np.sqrt(12), rel=0.005)
 
 
 def test_a_cube_s_shadow_is_a_voxel_wide_from_anywhere():
     for camera in four_cameras(64, 30.0):
         sight = sight_of(camera, cubes(5, 5, 5))
-        assert 2 * np.array([sight.half_columns, sight.half_rows]) == pytest.approx([1, 1], rel=1e-4)
+        assert 2 * np.array([sight.half_column, sight.half_row]) == pytest.approx([1, 1], rel=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,9 @@
 """Tomo-PIV: the same MART and correlation with pinhole cameras."""
 
+import json
+import sys
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +24,10 @@ from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.pinhole_images import pinhole_image
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
 from plenopiv.volume import SparseVolume
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "tomo"))
+import quality
+import weights
 
 SETTINGS = TomographySettings()
 LIGHT = 2000.0
@@ -77,6 +84,51 @@ def test_quality_at_a_twentieth_of_a_particle_per_pixel():
     assert found.candidates < 0.2
     assert len(found.residuals) == 5
     assert all(after < before for before, after in pairwise(found.residuals))
+
+
+def test_stored_weights_and_plain_loops_find_the_same():
+    """One camera after the other with weights from a matrix is what ships; one pixel after the other comes close."""
+    scene = weights.SCENE.having(shape=(48, 40, 16), pixels=(72, 72), ppp=0.08)
+    projector, images = PinholeProjector(scene.known_cameras, scene.grid), scene.images()
+    shipped = reconstruct_tomography(images, projector, SETTINGS).volume
+    values = projector.views_of(images)
+    start = projector.lit_in_every_camera(values, lit_above(values, Noise(0.0)))
+    voxel = np.flatnonzero(start.dense().values)
+    exact = exact_volume(scene.place_mm, LIGHT, scene.grid)
+    for weight, steps, least, most in (
+        (weights.square, weights.by_cameras, 0.0, 1e-5),
+        (weights.square, weights.by_pixels, 1e-3, 0.01),
+        (weights.sphere_in_cylinder, weights.by_pixels, 1e-4, 0.01),
+    ):
+        matrices = [weights.stored(camera, scene.grid, voxel, weight) for camera in scene.known_cameras]
+        found = start.with_values(
+            steps(matrices, values, start.values.astype(float), np.random.default_rng(0)).astype(np.float32)
+        )
+        difference = abs(reconstruction_quality(found, exact) - reconstruction_quality(shipped, exact))
+        print(f"\n{weight.__name__}, {steps.__name__}: Q differs by {difference:.1e}")
+        assert least <= difference <= most
+        if least == 0.0:
+            np.testing.assert_allclose(shipped.dense().values, found.dense().values, atol=1e-3 * shipped.values.max())
+
+
+def test_a_sphere_s_share_of_a_line_of_sight():
+    """Through its middle: what a cylinder cuts from a sphere is a sphere's volume less that of the ring, R^3 - (R^2 -
+    r^2)^(3/2) over R^3; out of reach nothing; squares and spheres both give about all of their light away."""
+    radius, thickness = weights.SPHERE, weights.CYLINDER
+    middle = 1 - (1 - (thickness / radius) ** 2) ** 1.5
+    assert weights.sphere_in_cylinder(np.zeros(2)) == pytest.approx(middle, abs=2e-3)
+    assert weights.sphere_in_cylinder(np.array([1.19, 0.0])) == 0
+    offset = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 2), -1) - np.array([0.3, -0.2])
+    assert weights.square(offset).sum() == pytest.approx(1)
+    assert weights.sphere_in_cylinder(offset).sum() == pytest.approx(1, abs=0.05)
+
+
+def test_the_quality_benchmark_in_small(tmp_path):
+    rows = quality.main(reduced=True, out=tmp_path)
+    assert [row["ppp"] for row in rows] == [0.025, 0.05] * 2
+    assert all(row["Q"] > quality.ADEQUATE for row in rows)
+    assert json.loads((tmp_path / "quality.json").read_text()) == rows
+    assert (tmp_path / "tomo-quality.png").stat().st_size > 10_000
 
 
 def test_two_cameras_leave_more_ghosts_than_four():

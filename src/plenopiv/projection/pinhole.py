@@ -140,20 +140,24 @@ class PinholeProjector:
 def sight_of(camera: PinholeCamera, grid: VoxelGrid) -> Sight:
     """A camera and a grid as the few numbers that the kernels take."""
     turned = camera.axes * np.array([[1.0], [1.0], [-1.0]])  # right, up, forward
-    steps = np.empty((4, 3))
-    steps[0] = turned @ (np.array(grid.first_mm) - camera.position_mm)
-    steps[1:] = np.array(grid.voxel_mm)[:, None] * turned.T
+    first = turned @ (np.array(grid.first_mm) - camera.position_mm)
+    steps = np.array(grid.voxel_mm)[:, None] * turned.T
     centre = np.array([0.5 * (lo + hi) for lo, hi in grid.limits_mm()])
-    step = 0.5 * np.diag(grid.voxel_mm)
-    across = camera.project(centre + step) - camera.project(centre - step)  # (x y z, column row)
+    half_step = 0.5 * np.diag(grid.voxel_mm)
+    across = camera.project(centre + half_step) - camera.project(centre - half_step)  # (x y z, column row)
     side = np.maximum(np.sqrt((across**2).sum(0)), NARROWEST)
-    half_column, half_row = (float(s) for s in 0.5 * side)
     column0, row0 = camera.principal_point
     k1, k2 = camera.distortion
-    sensor = camera.sensor
     return Sight(
-        steps, camera.focal_length_px, column0, row0, k1, k2, half_column, half_row, sensor.columns, sensor.rows
-    )
+        _place(first), _place(steps[0]), _place(steps[1]), _place(steps[2]),
+        camera.focal_length_px, column0, row0, k1, k2,
+        0.5 * float(side[0]), 0.5 * float(side[1]), camera.sensor.columns, camera.sensor.rows,
+    )  # fmt: skip
+
+
+def _place(vector: NDArray) -> shadows.Place:
+    x, y, z = (float(c) for c in vector)
+    return x, y, z
 
 
 def _check_view(camera: PinholeCamera, grid: VoxelGrid, name: str) -> None:

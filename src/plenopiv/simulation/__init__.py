@@ -3,6 +3,7 @@
 - ``particles``: seeding a box at a number of particles per microlens
 - ``flows``: analytic velocity fields and their advection
 - ``images``: Monte-Carlo ray tracing of particles (Eqs. 1-5 of Shi, Ding & New 2016)
+- ``pinhole_images``, ``board``: particles and a calibration board through pinhole cameras
 - ``white``: the image of the evenly lit main lens under every microlens
 - ``sensor_noise``: electrons to counts
 - ``recording``: a folder as a camera's user has it, with the truth beside it
