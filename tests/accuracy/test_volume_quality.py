@@ -5,7 +5,7 @@ from math import erf
 import numpy as np
 import pytest
 
-from plenopiv.accuracy import exact_volume, intensity_centre_mm, reconstruction_quality
+from plenopiv.accuracy import exact_volume, ghost_light, intensity_centre_mm, reconstruction_quality
 from plenopiv.errors import PlenoPIVError
 from plenopiv.volume import DenseVolume, SparseVolume, VoxelGrid
 
@@ -92,3 +92,19 @@ def test_a_particle_may_be_wider_along_one_axis():
         assert moment == pytest.approx((diameter / 4) ** 2 + 1 / 12, rel=0.02), "xyz"[axis]
     one, three = (exact_volume([place], 1.0, GRID, diameter) for diameter in (4.0, (4.0, 4.0, 4.0)))
     np.testing.assert_array_equal(one.values, three.values)
+
+
+def test_light_far_from_every_particle_is_a_ghost():
+    """Three voxels of 1, 2 and 4: in a particle's voxel, 2.9 voxels off along z, and 3.1 voxels off along x."""
+    x, y, z = GRID.axes()
+    values = np.zeros(GRID.shape, np.float32)
+    values[10, 15, 12], values[13, 15, 12], values[10, 15, 15] = 1, 2, 4
+    place = np.array([x[12] - 0.1 * 0.02, y[15], z[10] + 0.1 * 0.08])
+    volume = DenseVolume(GRID, values)
+    assert ghost_light(volume, [place]) == pytest.approx(4 / 7)
+    assert ghost_light(volume, [place, (x[15], y[15], z[10])]) == 0
+    assert ghost_light(volume, [place], 2.8) == pytest.approx(6 / 7)
+    assert ghost_light(volume, [(x[0], y[0], z[0] - 1)]) == 1
+    assert np.isnan(ghost_light(DenseVolume(GRID, 0 * values), [place]))
+    mask = SparseVolume.from_mask(GRID, values > 0)
+    assert ghost_light(mask.with_values(np.array([1, 4, 2], np.float32)), [place]) == pytest.approx(4 / 7)

@@ -4,7 +4,7 @@
     velocity.py   errors of a velocity field in voxels: RMS and bias by axis and depth, gross errors, stated uncertainty
     point_light.py   where a point's light goes and how that changes with its position, in double precision
     bound.py      Cramer-Rao bound of positions and displacements: the least error that the pixels allow
-    volumes.py    reconstruction quality Q (Elsinga et al. 2006), the exact volume it needs, centres of particles
+    volumes.py    reconstruction quality Q (Elsinga et al. 2006), the exact volume it needs, ghosts, centres
 
 A run never comes here: it has no truth. Simulations and benchmarks do.
 """
@@ -22,7 +22,7 @@ from plenopiv.accuracy.bound import (
 from plenopiv.accuracy.point_light import PointLight, point_light
 from plenopiv.accuracy.truth import TrueDisplacements, true_displacements
 from plenopiv.accuracy.velocity import Band, Errors, Score, pooled, score_velocity
-from plenopiv.accuracy.volumes import exact_volume, intensity_centre_mm, reconstruction_quality
+from plenopiv.accuracy.volumes import exact_volume, ghost_light, intensity_centre_mm, reconstruction_quality
 
 __all__ = [
     "Band",
@@ -35,6 +35,7 @@ __all__ = [
     "exact_volume",
     "field_bounds",
     "fisher_information",
+    "ghost_light",
     "intensity_centre_mm",
     "pixel_variance",
     "point_light",

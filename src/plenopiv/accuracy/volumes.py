@@ -69,6 +69,31 @@ def exact_volume(
     return DenseVolume(grid, values)
 
 
+def ghost_light(reconstructed: Volume, position_mm: ArrayLike, reach_voxels: float = 3.0) -> float:
+    """Share of the light that is further than ``reach_voxels`` from every particle at ``position_mm`` (n, 3), 0 to 1.
+
+    Light where several lines of sight cross without a particle is called a ghost (Elsinga et al. 2006, section 3); what
+    is counted here is its intensity, not the number of its peaks. Distances are in voxels, from the particle to the
+    voxels' centres; the default is one particle of three voxels away. NaN where the volume is empty.
+    """
+    grid = reconstructed.grid
+    shape = np.array(grid.shape)
+    index = ((np.asarray(position_mm, np.float64) - grid.first_mm) / grid.voxel_mm)[:, ::-1]
+    near = np.zeros(grid.shape, bool)
+    reach = int(np.ceil(reach_voxels + 0.5))
+    for offset in np.ndindex(*[2 * reach + 1] * 3):
+        voxel = np.rint(index).astype(np.int64) + offset - reach
+        close = ((voxel - index) ** 2).sum(1) <= reach_voxels**2
+        inside = close & (voxel >= 0).all(1) & (voxel < shape).all(1)
+        near[tuple(voxel[inside].T)] = True
+    total = ghosts = 0.0
+    for lo in range(0, grid.shape[0], PLANES):
+        values = reconstructed.slab(lo, min(lo + PLANES, grid.shape[0])).astype(np.float64)
+        total += float(values.sum())
+        ghosts += float(values[~near[lo : lo + PLANES]].sum())
+    return ghosts / total if total > 0 else float("nan")
+
+
 def intensity_centre_mm(
     volume: Volume, near_mm: tuple[float, float, float], reach_mm: tuple[float, float, float]
 ) -> NDArray[np.float64]:

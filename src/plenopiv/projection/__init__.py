@@ -7,5 +7,7 @@
 - ``mapped``: views of listed voxels by exact areas, through a map of each plane (``maps``, ``views``, ``strips``,
   ``simd``)
 - ``sparse``: the same voxel by voxel and lens by lens, for rays and as the maps' reference
-- ``projector``: the interface that reconstruction uses
+- ``projector``: the views of a plenoptic camera
+- ``shadows``, ``pinhole``: the same for pinhole cameras around a volume, each of which is a view
+- ``protocol``: what MART uses of either
 """

@@ -52,6 +52,11 @@ class Projector:
         return self.layout.views
 
     @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(view, lens): where a pixel is an equation."""
+        return self.layout.seen
+
+    @property
     def whole_views(self) -> NDArray[np.int64]:
         """The views whose pixels lie inside the aperture under every microlens."""
         return np.flatnonzero(~self._rim)

@@ -1,1 +1,1 @@
-"""From a light field to a volume of intensities: candidate voxels (DRT) and MART."""
+"""From a light field, or the images of several cameras, to a volume: candidate voxels (DRT, MLOS) and MART."""

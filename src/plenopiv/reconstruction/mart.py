@@ -12,6 +12,8 @@ the arithmetic form of the product of powers; like it, it leaves E alone where P
 Of a few views whose exponents mu sum to no more than one, corrections are added to one another and applied at once.
 That the second would have found the volume a little better after the first makes no difference that can be measured,
 and voxels are spread into maps and gathered once for all of them.
+
+Of several cameras around a volume (Tomo-PIV) each is a view, and its pixels are what is called lenses here.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.protocol import Projection
 from plenopiv.reconstruction.thinning import keeping
 from plenopiv.volume import SparseVolume
 
@@ -33,7 +35,7 @@ Progress = Callable[[int, int], None]
 
 def mart(
     values: NDArray[np.float32],
-    projector: Projector,
+    projector: Projection,
     volume: SparseVolume,
     *,
     iterations: int,
@@ -54,7 +56,7 @@ def mart(
     light. ``overwrite``: work in the memory of ``volume``, which is of no use afterwards. Returns the volume and the
     RMS residual, in counts, that each round met.
     """
-    seen, together = projector.layout.seen, max(1, min(TOGETHER, int(1 / relaxation + 1e-6)))
+    seen, together = projector.seen, max(1, min(TOGETHER, int(1 / relaxation + 1e-6)))
     measured = np.maximum(values, 0.0) + np.float32(floor)
     rng = np.random.default_rng(seed)
     residuals = []

@@ -32,7 +32,11 @@ class Noise:
 
 def dark_noise(lightfield: LightField) -> float:
     """Standard deviation in counts of pixels without light, from the values below the black level (half a normal)."""
-    values = lightfield.values[lightfield.layout.seen]
+    return noise_below(lightfield.values[lightfield.layout.seen])
+
+
+def noise_below(values: NDArray[np.float32]) -> float:
+    """The same of pixels ``values`` (n,) in counts above the black level."""
     below = values[values < 0]
     return float(np.sqrt(np.mean(below.astype(np.float64) ** 2))) if below.size else 0.0
 

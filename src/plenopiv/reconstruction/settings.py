@@ -34,3 +34,18 @@ class ReconstructionSettings:
     threshold: float | None = None
     focus_reach: float = 1.5
     seed: int = 0
+
+
+@dataclass(frozen=True)
+class TomographySettings:
+    """Parameters of one reconstruction from several pinhole cameras (Tomo-PIV).
+
+    ``iterations``: rounds over all cameras. ``relaxation``: exponent mu of each correction, 0 < mu <= 1. ``threshold``:
+    counts above which a line of sight is lit; None lets the images decide (``tomography.lit_above``).
+    ``seed``: of the random order of cameras.
+    """
+
+    iterations: int = 5
+    relaxation: float = 1.0
+    threshold: float | None = None
+    seed: int = 0

@@ -5,6 +5,7 @@
 - ``flow_file``, ``vtk_image``: velocity fields from files, and the jet that is shipped
 - ``gridded``: splines between the points of a grid
 - ``images``: Monte-Carlo ray tracing of particles (Eqs. 1-5 of Shi, Ding & New 2016)
+- ``pinhole_images``, ``board``: particles and a calibration board through pinhole cameras
 - ``white``: the image of the evenly lit main lens under every microlens
 - ``sensor_noise``: electrons to counts
 - ``recording``: a folder as a camera's user has it, with the truth beside it

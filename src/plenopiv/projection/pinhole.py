@@ -1,0 +1,175 @@
+"""The projector of pinhole cameras around a volume: a view is one camera, its pixels are the equations.
+
+Elsinga et al. (2006, Eq. 1): the counts of a pixel are the sum of the voxels that its line of sight passes, each by the
+share of its light that falls on the pixel. A voxel casts the shadow of a turned box; here it is a square (a rectangle
+where voxels are none) whose variance along columns and rows is that of the shadow:
+
+    side^2 = sum over x, y, z of (voxel size x change of the column per mm)^2
+
+For cubes that is the voxel's size in pixels, however the camera is turned. Weights are the square's shares of the
+pixels, computed when they are needed, with the shape that it has at the volume's centre (``shadows``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plenopiv.cameras.pinhole import PinholeCamera, share_seen
+from plenopiv.errors import PlenoPIVError
+from plenopiv.projection import shadows
+from plenopiv.projection.shadows import Sight
+from plenopiv.threads import in_threads
+from plenopiv.volume import SparseVolume, VoxelGrid
+
+CHUNKS = 8  # partial images of one camera, summed in order
+SLAB = 16  # planes looked at at once
+NARROWEST = 1e-3  # px, of a shadow
+
+
+class PinholeProjector:
+    """Between a volume and the images of two or more pinhole cameras.
+
+    A voxel's value is its light: the sum of the counts that it gives in all pixels of any one camera. Cameras are taken
+    as equally bright. Images are float32 (pixel,), rows one after the other, in counts; cameras with fewer pixels than
+    the largest have no equations beyond their last.
+
+    Raises PlenoPIVError for fewer than two cameras, and for one that does not see the volume or stands in it.
+    """
+
+    def __init__(self, cameras: Sequence[PinholeCamera], grid: VoxelGrid):
+        if len(cameras) < 2:
+            raise PlenoPIVError(
+                f"cameras: {len(cameras)} given; lines of sight cross from two cameras on, give two or more"
+            )
+        self.cameras, self.grid = tuple(cameras), grid
+        for number, camera in enumerate(self.cameras, 1):
+            _check_view(camera, grid, f"camera {number}")
+        self.pixels = [camera.sensor.columns * camera.sensor.rows for camera in cameras]
+        self._sights = [sight_of(camera, grid) for camera in self.cameras]
+
+    @property
+    def views(self) -> int:
+        """Number of cameras."""
+        return len(self.cameras)
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(camera, pixel): where there is a pixel."""
+        return np.arange(max(self.pixels)) < np.array(self.pixels)[:, None]
+
+    def views_of(self, images: Sequence[NDArray]) -> NDArray[np.float32]:
+        """Upright images (rows, columns) in counts as (camera, pixel) above the black level.
+
+        Raises PlenoPIVError where their number or a shape is not that of the cameras.
+        """
+        if len(images) != self.views:
+            raise PlenoPIVError(f"images: {len(images)} for {self.views} cameras; give one of each camera")
+        values = np.zeros((self.views, max(self.pixels)), np.float32)
+        for number, (image, camera, row) in enumerate(zip(images, self.cameras, values, strict=True), 1):
+            sensor = camera.sensor
+            if np.shape(image) != (sensor.rows, sensor.columns):
+                raise PlenoPIVError(
+                    f"camera {number}: its image has {' x '.join(map(str, np.shape(image)[::-1]))} px, its sensor "
+                    f"{sensor.columns} x {sensor.rows}; give the image of this camera, not cut"
+                )
+            row[: sensor.rows * sensor.columns] = np.ravel(image).astype(np.float32) - np.float32(sensor.black_level)
+        return values
+
+    def forward(self, views: ArrayLike, volume: SparseVolume) -> NDArray[np.float32]:
+        """The volume's light in one camera, (pixel,), or in several, (camera, pixel)."""
+        images = np.zeros((np.size(views), max(self.pixels)), np.float32)
+        chunks = self._row_chunks(volume)
+        for view, image in zip(np.atleast_1d(views), images, strict=True):
+            partial = np.empty((CHUNKS, self.pixels[view]), np.float32)
+            listed = chunks, volume.row_start, volume.column, volume.values
+            in_threads(shadows.project, CHUNKS, self._sights[view], self.grid.shape[1], *listed, partial)
+            np.sum(partial, axis=0, out=image[: self.pixels[view]])
+        return images.reshape(*np.shape(views), -1)
+
+    def gather(self, views: ArrayLike, images: NDArray[np.float32], volume: SparseVolume) -> NDArray[np.float32]:
+        """For each listed voxel the sum of ``images`` over the pixels that it lights, each by its share of the voxel's
+        light; of one camera, ``images`` (pixel,), or of several, (camera, pixel)."""
+        out = np.zeros(volume.values.size, np.float32)
+        chunks = self._row_chunks(volume)
+        for view, image in zip(np.atleast_1d(views), np.atleast_2d(images), strict=True):
+            listed = chunks, volume.row_start, volume.column
+            in_threads(
+                shadows.gather, CHUNKS, self._sights[view], self.grid.shape[1], *listed, image.astype(np.float32), out
+            )
+        return out
+
+    def multiply(self, views: ArrayLike, corrections: NDArray[np.float32], volume: SparseVolume) -> None:
+        """Multiply each voxel by 1 plus the share-weighted sum of ``corrections`` over the pixels that it lights, or
+        empty it where that is negative; n cameras at once whose corrections sum to S < 0 by (1 + S/n)^n."""
+        total, count = self.gather(views, corrections, volume), np.size(views)
+        volume.values[:] *= np.where(total >= 0, 1 + total, np.maximum(1 + total / count, 0) ** count)
+
+    def lit_in_every_camera(self, images: NDArray[np.float32], threshold: float) -> SparseVolume:
+        """The voxels whose shadow meets more than ``threshold`` counts in every camera of ``images`` (camera, pixel).
+
+        Multiplied line of sight (Atkinson & Soria 2009, Exp. Fluids 47:553-568). Their values are the cameras' counts
+        there, multiplied, to the power of 1 over the number of cameras. Voxels that a camera does not see are not
+        among them.
+        """
+        nz, ny, nx = self.grid.shape
+        values: list[NDArray[np.float32]] = []
+
+        def planes() -> Iterator[NDArray[np.bool_]]:
+            for lo in range(0, nz, SLAB):
+                shape = (min(SLAB, nz - lo), ny, nx)
+                least, product = np.full(shape, np.inf, np.float32), np.ones(shape, np.float32)
+                for sight, image in zip(self._sights, images, strict=True):
+                    in_threads(shadows.least_along_sight, shape[0], sight, lo, image, least, product)
+                lit = least > threshold
+                values.append(product[lit] ** np.float32(1 / self.views))
+                yield from lit
+
+        volume = SparseVolume.from_planes(self.grid, planes())
+        return volume.with_values(np.concatenate(values))
+
+    def _row_chunks(self, volume: SparseVolume) -> NDArray[np.int64]:
+        """Bounds of CHUNKS runs of rows with about as many listed voxels each."""
+        bounds = np.searchsorted(volume.row_start, np.linspace(0, volume.column.size, CHUNKS + 1))
+        bounds[0], bounds[-1] = 0, volume.row_start.size - 1
+        return bounds.astype(np.int64)
+
+
+def sight_of(camera: PinholeCamera, grid: VoxelGrid) -> Sight:
+    """A camera and a grid as the few numbers that the kernels take."""
+    turned = camera.axes * np.array([[1.0], [1.0], [-1.0]])  # right, up, forward
+    first = turned @ (np.array(grid.first_mm) - camera.position_mm)
+    steps = np.array(grid.voxel_mm)[:, None] * turned.T
+    centre = np.array([0.5 * (lo + hi) for lo, hi in grid.limits_mm()])
+    half_step = 0.5 * np.diag(grid.voxel_mm)
+    across = camera.project(centre + half_step) - camera.project(centre - half_step)  # (x y z, column row)
+    side = np.maximum(np.sqrt((across**2).sum(0)), NARROWEST)
+    column0, row0 = camera.principal_point
+    k1, k2 = camera.distortion
+    return Sight(
+        _place(first), _place(steps[0]), _place(steps[1]), _place(steps[2]),
+        camera.focal_length_px, column0, row0, k1, k2,
+        0.5 * float(side[0]), 0.5 * float(side[1]), camera.sensor.columns, camera.sensor.rows,
+    )  # fmt: skip
+
+
+def _place(vector: NDArray) -> shadows.Place:
+    x, y, z = (float(c) for c in vector)
+    return x, y, z
+
+
+def _check_view(camera: PinholeCamera, grid: VoxelGrid, name: str) -> None:
+    """All of the grid in front of the camera, some of it on the sensor."""
+    limits = grid.limits_mm()
+    corners = np.stack(np.meshgrid(*limits), -1).reshape(-1, 3)
+    if camera.in_camera(corners)[:, 2].max() >= 0:
+        raise PlenoPIVError(
+            f"{name}: the volume reaches behind it; check its rotation and its position, now "
+            f"{', '.join(f'{c:g}' for c in camera.position_mm)} mm"
+        )
+    if share_seen(camera, limits) == 0:
+        raise PlenoPIVError(
+            f"{name}: sees nothing of the volume; check its position, its rotation and the volume's limits"
+        )
