@@ -8,7 +8,7 @@ import pytest
 from plenopiv.calibration.dot_board import find_dots
 from plenopiv.calibration.pinhole_fit import calibrate_pinhole, fit_pinhole, linear_pinhole
 from plenopiv.cameras.pinhole import looking_at
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.board import board_image
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
@@ -143,6 +143,11 @@ def test_nine_dots_are_enough():
     fit = calibrate_pinhole(small, DEPTHS, SENSOR, pitch_mm=5.0)
     assert len(fit.residual_px) == 27
     assert fit.rms_px <= 0.05
+
+
+def test_a_wrong_depth_is_told():
+    with pytest.warns(PlenoPIVWarning, match="camera: dots miss the fitted camera by .* px RMS; check"):
+        calibrate_pinhole([board_image(placed(), z) for z in DEPTHS], (-10.0, 5.0, 10.0), SENSOR, pitch_mm=5.0)
 
 
 def test_points_in_one_plane_do_not_fix_a_camera():

@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,10 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.calibration.dot_board import find_dots
 from plenopiv.cameras.pinhole import PinholeCamera, rotation_vector
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.sensor import Sensor
 
 FEWEST_POINTS = 12
+POOR_PX = 0.5  # RMS that is worth a warning
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,8 @@ def fit_pinhole(
 ) -> PinholeFit:
     """The camera that images ``points_mm`` (n, 3) nearest to ``pixels`` (n, 2) as (column, row), by least squares.
 
-    Raises PlenoPIVError for fewer than 12 points, and for points in one plane.
+    Raises PlenoPIVError for fewer than 12 points, and for points in one plane. Warns (``PlenoPIVWarning``) where no
+    such camera fits to half a pixel.
     """
     from scipy.optimize import least_squares
 
@@ -88,7 +91,15 @@ def fit_pinhole(
         return np.nan_to_num(pixels - _camera(parameters, sensor).project(points_mm), nan=1e6).ravel()
 
     found = least_squares(residual, first, x_scale="jac", method="lm", xtol=1e-12, ftol=1e-12)
-    return PinholeFit(_camera(found.x, sensor), found.fun.reshape(-1, 2))
+    fit = PinholeFit(_camera(found.x, sensor), found.fun.reshape(-1, 2))
+    if fit.rms_px > POOR_PX:
+        warnings.warn(
+            f"{name}: dots miss the fitted camera by {fit.rms_px:.2g} px RMS; check the dots' pitch, the z of each "
+            "image, and that the board moved along z alone",
+            PlenoPIVWarning,
+            stacklevel=2,
+        )
+    return fit
 
 
 def _camera(parameters: NDArray, sensor: Sensor) -> PinholeCamera:

@@ -120,11 +120,11 @@ class PinholeProjector:
         def planes() -> Iterator[NDArray[np.bool_]]:
             for lo in range(0, nz, SLAB):
                 shape = (min(SLAB, nz - lo), ny, nx)
-                least, product = np.full(shape, np.inf, np.float32), np.ones(shape, np.float32)
+                least, product = np.full(shape, np.inf, np.float32), np.ones(shape)
                 for sight, image in zip(self._sights, images, strict=True):
                     in_threads(shadows.least_along_sight, shape[0], sight, lo, image, least, product)
                 lit = least > threshold
-                values.append(product[lit] ** np.float32(1 / self.views))
+                values.append((product[lit] ** (1 / self.views)).astype(np.float32))
                 yield from lit
 
         volume = SparseVolume.from_planes(self.grid, planes())
