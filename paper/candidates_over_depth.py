@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from single_particle_figures import zone
-from single_particles import DEPTHS, LIT, places
+from single_particles import DEPTHS, LIT, RAYS, places
 from small_camera import CAMERA, LAYOUT, VOXEL_MM, grid, noise_free
 
 from plenopiv.lightfield import LightField
@@ -27,7 +27,6 @@ from plenopiv.report.figures import BLUE, GREEN, STYLE
 
 ROOT = Path(__file__).parents[1]
 ACROSS = 65  # voxels along x and y: four microlenses
-RAYS = 100_000
 PLACES = 4
 WEIGHTS = {"9-rays": "nine rays a pixel", "exact": "exact areas"}
 Row = dict[str, Any]
@@ -93,7 +92,7 @@ def main(out: Path, reduced: bool = False) -> None:
     target.write_text(json.dumps(results, indent=0) + "\n")
     folder = out / "docs" / "images" / "paper"
     folder.mkdir(parents=True, exist_ok=True)
-    figure_of(results).savefig(folder / "candidates-over-depth.png", dpi=90, facecolor="white")
+    figure_of(results).savefig(folder / "candidates-over-depth.png", dpi=85, facecolor="white")
 
 
 if __name__ == "__main__":

@@ -80,8 +80,8 @@ def what_quality_depends_on(results: Row) -> Figure:
             who, colour, _ = LOOKS[method]
             exact.plot(depths, mean, style, color=colour, lw=1.2, label=f"{who}; {label}")
     zone(exact, results)
-    exact.set(title="by the exact volume, over a microlens", ylabel="Q", ylim=(0, 1))
-    exact.legend(frameon=False, fontsize=7, ncols=2, loc="lower left")
+    exact.set(title="by the exact volume, over a microlens", ylabel="Q")
+    exact.legend(frameon=False, fontsize=7, ncols=2, loc="upper center")
     lines(noisy, results, "noisy", lambda r: r["q"]["gauss"])
     noisy.set(title="images with noise, over a microlens", ylabel="Q (exact: Gaussian of 3 voxels)", ylim=(0, 1))
     noisy.legend(frameon=False, fontsize=7)
@@ -97,8 +97,10 @@ def what_quality_depends_on(results: Row) -> Figure:
     for axes in (weights, left):
         zone(axes, results)
         axes.axvline(-1.078, color=INK, lw=0.7, ls=":")
-    weights.set(title="DRT-MART by its weights, on the axis", ylabel="Q (exact: Gaussian of 3 voxels)", ylim=(0, 1))
-    weights.legend(frameon=False, fontsize=7)
+    weights.set(title="DRT-MART by its weights, on the axis", ylabel="Q (exact: Gaussian of 3 voxels)")
+    weights.legend(frameon=False, fontsize=7, loc="upper center")
+    for axes in (exact, weights):
+        axes.set(ylim=(0, 1.35), yticks=np.linspace(0, 1, 6))  # legends above the curves
     left.set(title="voxels that dense ray tracing leaves, on the axis", ylabel="voxels")
     return figure
 
@@ -110,4 +112,4 @@ def draw(results: Row, folder: Path) -> None:
         ("single-particles", centres_and_quality(results)),
         ("single-particles-quality", what_quality_depends_on(results)),
     ):
-        figure.savefig(folder / f"{name}.png", dpi=90, facecolor="white")
+        figure.savefig(folder / f"{name}.png", dpi=85, facecolor="white")

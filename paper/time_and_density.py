@@ -73,7 +73,10 @@ def measure(across: int, densities: tuple[float, ...]) -> list[Row]:
                 quality = reconstruction_quality(found.volume, exact)
                 rows.append({"ppm": ppm, "thin": thin, "method": method, "seconds": found.seconds, "kept": kept})
                 rows[-1] |= {"q": quality, "particles": len(particles.electrons)}
-                print(f"{ppm:g} ppm, thin {thin:g}, {method}: {found.seconds:.2f} s, {kept:.2%}, Q {quality:.3f}")
+                print(
+                    f"{ppm:g} ppm, thin {thin:g}, {method}: {found.seconds:.2f} s, {kept:.2%}, Q {quality:.3f}",
+                    flush=True,
+                )
     return rows
 
 
@@ -99,7 +102,7 @@ def figure_of(rows: list[Row]) -> Figure:
             quality.plot(densities, value(rows, method, thin, "q"), style, **draw)
         if method != "mart":
             kept.plot(densities, 100 * value(rows, method, 0.0, "kept"), "o-", color=colour, ms=4, lw=1.2, label=name)
-    ratio.set(ylabel="time of MART / time of DRT-MART", ylim=(0, None))
+    ratio.set(ylabel="time of MART / time of DRT-MART", ylim=(0, 1.5 * ratio.get_ylim()[1]))  # legend above the curves
     kept.set(ylabel="voxels that DRT leaves (%)", ylim=(0, None))
     quality.set(ylabel="Q (exact: Gaussian of 3 voxels)", ylim=(0, None))
     for axes in (ratio, kept, quality):
