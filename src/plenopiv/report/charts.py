@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
@@ -50,8 +51,7 @@ def validation_figure(dataset: xarray.Dataset) -> Figure:
     """Where vectors were replaced, seen along z and along y, and by depth; and how clear the peaks were by depth."""
     replaced = dataset["valid"].transpose("time", "z", "y", "x").values != 1
     x, y, z = (dataset[axis].values for axis in "xyz")
-    figure = Figure(figsize=(12.5, 3.8), layout="constrained")
-    figure.get_layout_engine().set(wspace=0.08)
+    figure = Figure(figsize=(12.5, 3.8), layout=ConstrainedLayoutEngine(wspace=0.08))
     front, above, depth = figure.subplots(1, 3)
     share = 100 * replaced.mean(0)
     top = max(float(max(share.mean(0).max(), share.mean(1).max())), 1.0)

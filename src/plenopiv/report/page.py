@@ -99,9 +99,9 @@ def _velocity(dataset: xarray.Dataset, drawn: _Figures) -> list[str]:
     return [
         section(
             "Velocity in 3D",
-            f"{first}Drag to turn; hold Ctrl and use the wheel to enlarge. The isosurface encloses where the flow turns "
-            "more than it deforms (Q-criterion), or where its vorticity is above the level. Both are differences of "
-            f"neighbouring vectors and noisier than these; nothing is smoothed.{thinned}",
+            f"{first}Drag to turn; hold Ctrl and use the wheel to enlarge. The isosurface encloses where the flow "
+            "turns more than it deforms (Q-criterion), or where its vorticity is above the level. Both are differences "
+            f"of neighbouring vectors and noisier than these; nothing is smoothed.{thinned}",
             viewers.field_block(field),
             viewers.scene(field),
             name="velocity",

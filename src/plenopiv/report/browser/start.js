@@ -2,6 +2,7 @@
 
 const content = (id) => JSON.parse(document.getElementById(id).textContent);
 const drawings = [];
+window.plenopiv = { isosurface, turned }; // for tests and the curious
 
 const fieldData = document.getElementById("field-data");
 if (fieldData) {
