@@ -5,10 +5,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full lint bench bench-full paper figures lock clean
+.PHONY: help demo test test-full test-report lint bench bench-full paper figures lock clean
 
 help:  ## show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' Makefile
 
 demo: $(VENV)/.ready  ## simulate a small recording, measure it, score it; the report is demo/results/report.html
 	$(BIN)/plenopiv demo demo --overwrite
@@ -18,6 +18,10 @@ test: lint  ## style, types, import order, and the quick tests
 
 test-full: lint  ## all tests, those of minutes too
 	$(BIN)/python -m pytest
+
+test-report: $(VENV)/.ready-dev demo  ## the demo's report in a headless Chromium without a network (apt-get install chromium)
+	$(BIN)/python -m pip install --quiet -r requirements-browser.txt
+	PYTHONPATH=tests/report $(BIN)/python -m pytest tests/report_browser
 
 lint: $(VENV)/.ready-dev  ## style, types and import order alone
 	$(BIN)/ruff check .

@@ -1,4 +1,4 @@
-"""Displacements in voxels to velocities in the object frame: m/s on coordinates in mm."""
+"""Displacements in voxels to velocities in the object frame, m/s on coordinates in mm, and what turns in them."""
 
 from __future__ import annotations
 
@@ -96,3 +96,43 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
             "dt_s": float(dt_s),
         },
     )
+
+
+def velocity_gradient(field: xr.Dataset) -> NDArray[np.float64]:
+    """Velocity gradient G[i, j] = du_i / dx_j in 1/s, (3, 3, nz, ny, nx), i and j in the order x, y, z.
+
+    ``field``: u, v, w in m/s on (z, y, x), evenly or unevenly spaced coordinates in mm. Central differences, second
+    order at the faces too where an axis has three points; NaN vectors make their neighbours' derivatives NaN.
+
+    Raises:
+        PlenoPIVError: an axis with a single vector.
+    """
+    import xarray as xr
+
+    if not isinstance(field, xr.Dataset) or set(field["u"].dims) != set(_DIMS[1:]):
+        raise PlenoPIVError("velocity gradient: wanted one field on (z, y, x); choose a time with isel(time=0)")
+    short = [axis for axis in "xyz" if field.sizes[axis] < 2]
+    if short:
+        raise PlenoPIVError(f"velocity gradient: one vector along {', '.join(short)}, and no derivative without two")
+    gradient = np.empty((3, 3, *(field.sizes[axis] for axis in _DIMS[1:])))
+    for i, name in enumerate("uvw"):
+        values = field[name].transpose(*_DIMS[1:]).values.astype(float)
+        for j, axis in enumerate("xyz"):
+            place = field[axis].values * 1e-3
+            gradient[i, j] = np.gradient(values, place, axis=2 - j, edge_order=2 if place.size > 2 else 1)
+    return gradient
+
+
+def vorticity(gradient: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vorticity (3, ...) in 1/s, along x, y, z, of a velocity gradient (3, 3, ...)."""
+    g = gradient
+    return np.stack([g[2, 1] - g[1, 2], g[0, 2] - g[2, 0], g[1, 0] - g[0, 1]])
+
+
+def q_criterion(gradient: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Q = (|W|^2 - |S|^2) / 2 in 1/s^2 of a velocity gradient (3, 3, ...), W and S its spin and strain.
+
+    Positive where a flow turns more than it deforms (Hunt, Wray & Moin 1988, Eddies, streams, and convergence zones in
+    turbulent flows, CTR-S88). |W|^2 - |S|^2 = -G_ij G_ji, whatever the divergence.
+    """
+    return -0.5 * np.einsum("ij...,ji...->...", gradient, gradient)

@@ -111,3 +111,22 @@ def test_a_file_in_the_place_of_the_folder_is_named(tmp_path):
         pass
     with pytest.raises(PlenoPIVError, match="cannot be written"), OutputFolder(tmp_path / "results" / "deeper"):
         pass
+
+
+def test_a_folder_of_files_moves_as_a_whole_and_other_files_in_it_stay(tmp_path):
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / "mine.txt").write_text("mine")
+    (tmp_path / "figures" / "velocity.png").write_text("old")
+    with OutputFolder(tmp_path) as out:
+        out.path("figures").mkdir()
+        out.path("figures/velocity.png").write_text("new")
+        out.path("figures/summary.json").write_text("not the run's")
+        out.write_json("summary.json", {})
+        assert (tmp_path / "figures" / "velocity.png").read_text() == "old"
+    found = {p.relative_to(tmp_path).as_posix(): p.read_text() for p in tmp_path.rglob("*") if p.is_file()}
+    assert found == {
+        "figures/mine.txt": "mine",
+        "figures/velocity.png": "new",
+        "figures/summary.json": "not the run's",
+        "summary.json": "{}\n",
+    }

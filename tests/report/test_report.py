@@ -1,94 +1,101 @@
 """The report: stands alone, says what it was given, shows the lattice where the pixels are."""
 
+import io
 import re
-import tomllib
 
 import numpy as np
 import pytest
-import xarray as xr
+from pages import Parsed, everything, example, field, write
+from PIL import Image
 
+from plenopiv.accuracy.profile import DepthProfile
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
-from plenopiv.experiment import Experiment
 from plenopiv.lattice import Lattice
-from plenopiv.report import projections, raw_crops, write_report
+from plenopiv.report import projections, raw_crops, volume_stack
 from plenopiv.report.figures import histogram_figure
 from plenopiv.sensor import Sensor
 from plenopiv.volume import DenseVolume, SparseVolume, VoxelGrid
 
-TEXT = """
-[camera]
-kind = "plenoptic"
-main_lens = { focal_length_mm = 50.0, aperture_mm = 25.0, magnification = -1.0 }
-microlens_array = { lattice = "hexagonal", pitch_mm = 0.077, focal_length_mm = 0.308 }
-sensor = { columns = 700, rows = 560, pixel_pitch_mm = 0.0055, bit_depth = 12 }
-[recording]
-white = "white<1>.tif"
-frames = ["a.tif", "b.tif"]
-dt_s = 0.0005
-orientation = "upright"
-[volume]
-x_mm = [-1.5, 1.5]
-y_mm = [-1.1, 1.1]
-z_mm = [-2.0, 2.0]
-voxel_mm = [0.0171428571, 0.0171428571, 0.077]
-[correlation]
-windows = [[48, 48, 16]]
-"""
-
-
-def field(nan=False):
-    rng = np.random.default_rng(0)
-    dims, shape = ("time", "z", "y", "x"), (1, 4, 5, 6)
-    values = {name: (dims, np.full(shape, np.nan) if nan else rng.normal(size=shape)) for name in ("u", "v", "w")}
-    values |= {f"{name}_raw": values[name] for name in "uvw"}
-    values["valid"] = (dims, np.where(np.arange(120).reshape(shape) % 10, 1, 0).astype(np.int8))
-    values["peak_ratio"] = (dims, np.full(shape, np.nan) if nan else 1 + rng.gamma(3, 1, shape))
-    return xr.Dataset(values, {"time": [0.0], "z": np.arange(4.0), "y": np.arange(5.0), "x": np.arange(6.0)})
-
 
 @pytest.fixture
 def experiment():
-    return Experiment.from_dict(tomllib.loads(TEXT))
-
-
-def write(path, experiment, dataset=None, **options):
-    summary = {
-        "warnings": ["a.tif: 2 % <saturated>"],
-        "timings_s": {"correlation": 2.5},
-        "lattice": {"pitch_mm": 0.077},
-    }
-    dataset = field() if dataset is None else dataset
-    write_report(path, title="Velocity of <jet>", experiment=experiment, summary=summary, dataset=dataset, **options)
-    return path.read_text(encoding="utf-8")
+    return example()
 
 
 def test_the_report_stands_alone_and_says_what_it_was_given(tmp_path, experiment):
-    camera = experiment.camera()
-    image = np.random.default_rng(0).integers(0, 4000, (560, 700)).astype(np.uint16)
-    volume = DenseVolume(experiment.grid(), np.random.default_rng(0).random(experiment.grid().shape, np.float32))
-    page = write(
-        tmp_path / "report.html",
-        experiment,
-        crops=raw_crops(image, camera, "white.tif"),
-        views=projections(volume),
-        accuracy={"RMS along z (voxel)": 0.123},
-    )
-    assert page.count('src="data:image/png;base64,') == 4
-    assert page.count("<img") == 4
-    assert not re.search(r"https?://|<script|<link|@import", page)
-    for text in ("Velocity of &lt;jet&gt;", "2 % &lt;saturated&gt;", "lattice.pitch_mm", "0.123", "2.50 s", "90.0 %"):
-        assert text in page
-    assert "white&lt;1&gt;.tif" in page
-    assert "<jet>" not in page
+    profile = DepthProfile(np.arange(3.0), np.ones((3, 3)), np.zeros((3, 3)), np.ones(3, int))
+    measures = {"RMS along z (voxel)": 0.123, "by_depth": profile}
+    text = write(tmp_path / "report.html", experiment, accuracy=measures, **everything(experiment))
+    page = Parsed(text)
+    assert {image["alt"] for image in page.all("img")} == {
+        "velocity in three slices through the middle",
+        "errors by depth",
+        "where vectors were replaced",
+        "histograms",
+        "stated standard deviations",
+        "maximum projections of the volume",
+        "residual by round",
+        "raw pixels with the lattice",
+    }
+    assert all(image["src"].startswith("data:image/png;base64,") for image in page.all("img"))
+    assert not page.all("link")
+    assert not re.search(r"https?://|@import|url\(", re.sub(r"data:image[^\"]*", "", text))
+    for said in ("Velocity of <jet>", "2 % <saturated>", "lattice.pitch_mm", "0.123", "2.50 s", "0.40 GB", "90.0 %"):
+        assert said in page.text
+    assert "white<1>.tif" in page.text
+    assert "<jet>" not in text
+
+
+def test_every_link_of_the_contents_leads_to_a_section(tmp_path, experiment, monkeypatch):
+    monkeypatch.setattr("plenopiv.report.page.figures.png", lambda figure: b"")
+    for options in ({}, everything(experiment)):
+        page = Parsed(write(tmp_path / "report.html", experiment, **options))
+        targets = {link["href"].removeprefix("#") for link in page.all("a")}
+        assert targets == {section["id"] for section in page.all("section") if "id" in section}
+        assert len(targets) == (7 if not options else 8)
+
+
+def test_figures_are_files_too(tmp_path, experiment):
+    text = write(tmp_path / "report.html", experiment, figures_folder=tmp_path / "figures", **everything(experiment))
+    names = {path.name for path in (tmp_path / "figures").iterdir()}
+    kinds = ("displacements", "lattice", "residuals", "uncertainty", "validation", "velocity", "volume")
+    assert names == {f"{kind}.{ending}" for kind in kinds for ending in ("png", "pdf")}
+    assert len(Parsed(text).all("img")) == len(kinds)
+    for path in (tmp_path / "figures").iterdir():
+        content = path.read_bytes()
+        if path.suffix == ".png":
+            assert min(Image.open(io.BytesIO(content)).size) > 300
+        else:
+            assert content.startswith(b"%PDF")
+            assert b"CreationDate" not in content
 
 
 def test_a_field_without_a_single_vector_still_gets_its_report(tmp_path, experiment):
-    assert page_has_figures(write(tmp_path / "report.html", experiment, field(nan=True)))
+    page = Parsed(write(tmp_path / "report.html", experiment, field(nan=True)))
+    assert page.data("field")["criteria"] == {}
+    assert len(page.all("img")) == 5
 
 
 def test_a_field_of_one_vector_still_gets_its_report(tmp_path, experiment):
-    one = field().isel(x=[0], y=[0], z=[0])
-    assert page_has_figures(write(tmp_path / "report.html", experiment, one))
+    page = Parsed(write(tmp_path / "report.html", experiment, field().isel(x=[0], y=[0], z=[0])))
+    assert page.data("field")["axes"]["x"] == field().x.values[:1].tolist()
+    assert len(page.all("img")) == 5
+
+
+def test_a_report_of_a_large_run_stays_small(tmp_path, experiment):
+    """A field of 800 thousand vectors and pictures of noise alone, which compress worst: less than 15 MB."""
+    pictures = everything(experiment)
+    rng = np.random.default_rng(1)
+    grid = VoxelGrid.covering((0, 9.6), (0, 9.6), (0, 9.6), (0.01, 0.01, 0.2))
+    volume = DenseVolume(grid, rng.random(grid.shape, np.float32))
+    pictures["views"] = projections(volume)
+    pictures["stacks"][0] = volume_stack(volume)
+    path = tmp_path / "report.html"
+    page = Parsed(write(path, experiment, field((60, 100, 140)), **pictures))
+    assert 3e6 < path.stat().st_size < 15e6
+    data = page.data("field")
+    assert np.prod([len(data["axes"][axis]) for axis in "xyz"]) <= 60_000
+    assert "one vector in" in page.text
 
 
 def test_windows_without_light_are_not_counted_as_displacements(experiment):
@@ -99,10 +106,6 @@ def test_windows_without_light_are_not_counted_as_displacements(experiment):
     left, _, right = histogram_figure(dataset, experiment.volume.voxel_mm, 0.0005).axes
     assert sum(patch.get_height() for patch in right.patches) == 60  # half of 120
     assert all(polygon.get_xy()[:, 1].max() < 20 for polygon in left.patches)  # no spike at 0
-
-
-def page_has_figures(page):
-    return page.count("<img") == 2
 
 
 def test_the_lattice_falls_on_the_micro_images():

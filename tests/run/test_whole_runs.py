@@ -49,7 +49,14 @@ def test_the_results_folder(experiment, capsys):
     said = capsys.readouterr()
     assert "memory: about" in said.err
     folder = experiment.output_directory
-    assert {path.name for path in folder.iterdir()} == {"velocity.nc", "summary.json", "experiment.toml", "report.html"}
+    assert {path.name for path in folder.iterdir()} == {
+        "velocity.nc",
+        "summary.json",
+        "experiment.toml",
+        "report.html",
+        "figures",
+    }
+    assert {"velocity.png", "velocity.pdf", "residuals.pdf"} < {path.name for path in (folder / "figures").iterdir()}
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["calibration"]["residual_px"] < 0.05
     assert summary["reconstruction"]["a.tif"]["candidate_share"] < 0.5
@@ -58,13 +65,16 @@ def test_the_results_folder(experiment, capsys):
     assert sys.platform == "win32" or 0.05 < summary["peak_memory_gb"]["correlation"] < 4
     resolved = Experiment.load(folder / "experiment.toml")
     assert resolved.grid() == experiment.grid()
-    assert "<img" in (folder / "report.html").read_text()
-    before = {path: path.read_bytes() for path in folder.iterdir()}
+    page = (folder / "report.html").read_text()
+    assert all(f'id="{name}"' in page for name in ("scene", "slices", "volume", "views", "refocus"))
+    assert summary["versions"]["plenopiv"] == plenopiv.__version__
+    assert summary["versions"]["numpy"] == np.__version__
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     assert main(["run", str(experiment.path)]) == 2
     said = capsys.readouterr()
     assert "--overwrite" in said.err
     assert said.err.count("\n") == 1
-    assert before == {path: path.read_bytes() for path in folder.iterdir()}
+    assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_three_frames_make_two_times(experiment):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from plenopiv.accuracy.profile import error_by_depth
 from plenopiv.cli.progress import Progress
 from plenopiv.cli.simulate import recorded
 from plenopiv.errors import PlenoPIVError
@@ -62,9 +63,10 @@ def demo(folder: Path, overwrite: bool) -> str:
     truth = flow(wanted.simulation.flow, **wanted.simulation.parameters)
     scores: dict[str, float] = {}
 
-    def score(dataset: xarray.Dataset) -> dict[str, float]:
-        scores.update(accuracy(dataset, truth, experiment.volume.voxel_mm, experiment.recording_table.dt_s))
-        return scores
+    def score(dataset: xarray.Dataset) -> dict[str, Any]:
+        against = truth, experiment.volume.voxel_mm, experiment.recording_table.dt_s
+        scores.update(accuracy(dataset, *against))
+        return {**scores, "by_depth": error_by_depth(dataset, *against)}
 
     with Progress() as progress:
         run_frames(experiment, progress, overwrite, score)

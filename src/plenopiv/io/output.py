@@ -66,7 +66,7 @@ class OutputFolder:
             self._remove_stage()
 
     def path(self, name: str) -> Path:
-        """Where to write a file that shall become ``directory / name``."""
+        """Where to write a file, or make a folder of files, that shall become ``directory / name``."""
         assert self._stage is not None, "use OutputFolder in a with statement"
         return self._stage / name
 
@@ -80,16 +80,18 @@ class OutputFolder:
 
     def _move(self) -> None:
         assert self._stage is not None
-        staged = sorted(self._stage.iterdir(), key=lambda p: COMPLETE.index(p.name) if p.name in COMPLETE else -1)
+        names = [path.relative_to(self._stage) for path in sorted(self._stage.rglob("*")) if path.is_file()]
+        staged = sorted(names, key=lambda name: COMPLETE.index(str(name)) if str(name) in COMPLETE else -1)
         try:
-            for path in staged:
-                with path.open("rb") as file:
+            for name in staged:
+                with (self._stage / name).open("rb") as file:
                     os.fsync(file.fileno())
-            if any(path.name in COMPLETE for path in staged):
+                (self.directory / name).parent.mkdir(exist_ok=True, parents=True)
+            if any(str(name) in COMPLETE for name in staged):
                 # Between the moves the folder must not pass for a complete run.
                 (self.directory / COMPLETE[-1]).unlink(missing_ok=True)
-            for path in staged:
-                os.replace(path, self.directory / path.name)
+            for name in staged:
+                os.replace(self._stage / name, self.directory / name)
         except OSError as error:
             raise PlenoPIVError(f"{self.directory}: cannot be written ({error.strerror})") from None
 

@@ -1,11 +1,27 @@
-"""The report of a run: one HTML file that stands alone.
+"""The report of a run: one HTML file that stands alone, and its figures as PNG and PDF.
 
 views.py      what the figures show: crops of raw images with the lattice, projections of a volume
-figures.py    the figures (matplotlib, no global state)
-page.py       the page around them: numbers, warnings, settings
+figures.py    images and histograms (matplotlib, no global state)
+charts.py     line charts: residuals, validation, uncertainty, errors by depth
+stacks.py     pictures for sliders: planes of the volume, views of the light field, refocusing
+field.py      the velocity field as the page's scripts read it
+viewers.py    what turns and slides, as HTML
+document.py   the HTML around it: escaping, content-security policy
+page.py       the page as a whole
+browser/      style sheet and scripts (3D scene, slices, sliders)
 """
 
 from plenopiv.report.page import write_report
+from plenopiv.report.stacks import Stack, light_field_stacks, volume_stack
 from plenopiv.report.views import Projections, RawCrop, projections, raw_crops
 
-__all__ = ["Projections", "RawCrop", "projections", "raw_crops", "write_report"]
+__all__ = [
+    "Projections",
+    "RawCrop",
+    "Stack",
+    "light_field_stacks",
+    "projections",
+    "raw_crops",
+    "volume_stack",
+    "write_report",
+]

@@ -1,4 +1,4 @@
-"""The report's figures as PNG, drawn without matplotlib's global state."""
+"""The report's figures as PNG and PDF, drawn without matplotlib's global state."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
+from plenopiv.report.stacks import joined
 from plenopiv.report.views import Projections, RawCrop
 
 if TYPE_CHECKING:
@@ -33,12 +34,24 @@ SLICES = {
 }
 
 
-@rc_context(STYLE)
 def png(figure: Figure) -> bytes:
     """A figure as PNG."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130, facecolor="white", bbox_inches="tight", pad_inches=0.1)
-    return buffer.getvalue()
+    return png_and_pdf(figure, ("png",))["png"]
+
+
+@rc_context(STYLE)
+def png_and_pdf(figure: Figure, kinds: Sequence[str] = ("png", "pdf")) -> dict[str, bytes]:
+    """A figure in files of these kinds, laid out once; without dates, so that the same run writes the same files."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    tight = figure.get_tightbbox().padded(0.1)
+    found = {}
+    for kind in kinds:
+        buffer = io.BytesIO()
+        dates: dict[str, Any] = {"metadata": {"CreationDate": None}} if kind == "pdf" else {}
+        figure.savefig(buffer, format=kind, dpi=130, facecolor="white", bbox_inches=tight, **dates)
+        found[kind] = buffer.getvalue()
+    return found
 
 
 @rc_context(STYLE)
@@ -56,10 +69,11 @@ def raw_figure(crops: Sequence[RawCrop]) -> Figure:
         circles.set(offset_transform=axes.transData, facecolor="none", edgecolor=ORANGE)
         axes.add_collection(circles)
         axes.plot(*crop.centres_px.T, ".", color=ORANGE, markersize=2)
-        axes.set(title=crop.name, xlabel="column (px)", ylabel="row (px)")
+        axes.set_title(written(crop.name), parse_math=False)
+        axes.set(xlabel="column (px)", ylabel="row (px)")
         axes.set_xlim(extent[:2])
         axes.set_ylim(extent[2:])
-        _bar(picture, axes, "counts")
+        bar(picture, axes, "counts")
     return figure
 
 
@@ -79,10 +93,16 @@ def volume_figure(views: Projections) -> Figure:
         lit = image[image > 0]
         top = float(np.percentile(lit, 99.5)) if lit.size else 1.0
         picture = axes.imshow(
-            _joined(image), cmap="gray_r", vmin=0, vmax=top, extent=extent, origin="lower", interpolation="nearest"
+            joined(image, PIXELS),
+            cmap="gray_r",
+            vmin=0,
+            vmax=top,
+            extent=extent,
+            origin="lower",
+            interpolation="nearest",
         )
         axes.set(title=f"brightest voxel along {along}", xlabel="x (mm)", ylabel=label)
-        _bar(picture, axes, "intensity (counts)")
+        bar(picture, axes, "intensity (counts)")
     return figure
 
 
@@ -98,7 +118,7 @@ def velocity_figure(dataset: xarray.Dataset) -> Figure:
         h, v = plane[right].values, plane[up].values
         colour = plane[through].values
         limit = 1.25 * _largest(colour) or 1.0  # so that arrows stay readable on the strongest colours
-        extent = (*_faces(h), *_faces(v))
+        extent = (*faces(h), *faces(v))
         picture = axes.imshow(colour, cmap="RdBu_r", vmin=-limit, vmax=limit, extent=extent, origin="lower")
         step = max(1, -(-max(h.size, v.size) // ARROWS))
         cut = (slice(None, None, step), slice(None, None, step))
@@ -115,7 +135,7 @@ def velocity_figure(dataset: xarray.Dataset) -> Figure:
         position = float(shown[normal].values[middle])
         axes.set_title(f"{name} at {normal} = {position:.2f} mm", loc="left")
         axes.set(xlabel=f"{right} (mm)", ylabel=f"{up} (mm)")
-        _bar(picture, axes, f"{through} (m/s)")
+        bar(picture, axes, f"{through} (m/s)")
     return figure
 
 
@@ -159,7 +179,7 @@ def histogram_figure(dataset: xarray.Dataset, voxel_mm: Sequence[float], dt_s: f
     return figure
 
 
-def _bar(picture: AxesImage, axes: Axes, label: str) -> None:
+def bar(picture: AxesImage, axes: Axes, label: str) -> None:
     """A colour bar as high as its axes."""
     axes.figure.colorbar(picture, cax=axes.inset_axes((1.03, 0.0, 0.045, 1.0)), label=label)
 
@@ -173,16 +193,14 @@ def _raw(dataset: xarray.Dataset, name: str) -> NDArray:
     return dataset[raw if raw in dataset else name].values
 
 
-def _joined(image: NDArray) -> NDArray:
-    """Neighbouring pixels joined, the brightest kept, until no side is over ``PIXELS``: a particle must not vanish."""
-    for axis in (0, 1):
-        n = -(-image.shape[axis] // PIXELS)
-        if n > 1:
-            image = np.maximum.reduceat(image, np.arange(0, image.shape[axis], n), axis=axis)
-    return image
+def written(name: str) -> str:
+    """A file's name as matplotlib can write it: printable, not too long, no label that it would leave out."""
+    plain = "".join(c if c.isprintable() else "?" for c in name)
+    plain = plain if len(plain) <= 40 else f"{plain[:37]}..."
+    return f" {plain}" if plain.startswith("_") else plain
 
 
-def _faces(centres: NDArray) -> tuple[float, float]:
+def faces(centres: NDArray) -> tuple[float, float]:
     """Outer faces of cells around evenly spaced centres."""
     half = 0.5 * abs(centres[1] - centres[0]) if centres.size > 1 else 0.5
     return float(centres.min() - half), float(centres.max() + half)

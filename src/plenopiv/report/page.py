@@ -1,10 +1,9 @@
-"""The page: key numbers, warnings, figures, accuracy, settings, timings, in one HTML file without outside resources."""
+"""The page: key numbers, warnings, the field in 3D and in slices, how good it is, what it came from."""
 
 from __future__ import annotations
 
-import base64
+import re
 from collections.abc import Mapping, Sequence
-from html import escape
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,12 +12,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from plenopiv.experiment import Experiment
-from plenopiv.report.figures import histogram_figure, png, raw_figure, velocity_figure, volume_figure
-from plenopiv.report.style import STYLE
+from plenopiv.report import charts, figures, viewers
+from plenopiv.report.document import bars, flat, page, picture, plain, section, subheading, table
+from plenopiv.report.field import field_data
+from plenopiv.report.stacks import Stack
 from plenopiv.report.views import Projections, RawCrop
 
 if TYPE_CHECKING:
     import xarray
+
+SECTIONS_OF_THEIR_OWN = ("warnings", "timings_s", "peak_memory_gb", "versions")
 
 
 def write_report(
@@ -30,80 +33,208 @@ def write_report(
     dataset: xarray.Dataset,
     crops: Sequence[RawCrop] = (),
     views: Projections | None = None,
+    stacks: Sequence[Stack] = (),
     accuracy: Mapping[str, Any] | None = None,
+    figures_folder: str | Path | None = None,
 ) -> None:
     """Write the report of a run.
 
-    ``summary`` is what goes to summary.json: its ``warnings`` (a list of lines) and ``timings_s`` (stage -> seconds)
-    have sections of their own, all else is tabled by dotted key. ``dataset`` is the velocity field, dims
-    (time, z, y, x); of several times the first is drawn. ``accuracy`` is for recordings whose truth is known: measure
-    -> number or text.
+    ``summary`` is what goes to summary.json: its ``warnings`` (a list of lines), ``timings_s`` and ``peak_memory_gb``
+    (by stage) and ``versions`` have sections of their own, all else is tabled by dotted key. ``dataset`` is the
+    velocity field, dims (time, z, y, x); of several times the first is drawn. ``stacks`` are pictures under sliders,
+    named "volume", "views" and "refocus". ``accuracy`` is for recordings whose truth is known: measure -> number or
+    text, and under "by_depth" a ``DepthProfile``. ``figures_folder``: where figures go as PNG and PDF too.
     """
-    warnings, timings = list(summary.get("warnings", [])), dict(summary.get("timings_s", {}))
-    others = {key: value for key, value in summary.items() if key not in ("warnings", "timings_s")}
-    dt_s, voxel_mm = experiment.recording_table.dt_s, experiment.volume.voxel_mm
+    drawn = _Figures(None if figures_folder is None else Path(figures_folder))
+    pictures = {stack.name: stack for stack in stacks}
+    parts = [
+        *_velocity(dataset, drawn),
+        *_accuracy(accuracy or {}, drawn),
+        _validation(experiment, dataset, drawn),
+        _reconstruction(summary, views, pictures, drawn),
+        _light_field(crops, pictures, drawn),
+        _effort(summary),
+        section("Numbers", "The content of summary.json.", table(_others(summary), "key"), name="numbers"),
+        _configuration(experiment, summary),
+    ]
+    body = [
+        f"<header><h1>{plain(title)}</h1>{_key_numbers(experiment, dataset, summary.get('timings_s', {}))}</header>",
+        _warnings(list(summary.get("warnings", []))),
+        _contents(parts),
+        *parts,
+    ]
+    Path(path).write_text(page(title, "\n".join(body)), encoding="utf-8")
+
+
+def _contents(parts: Sequence[str]) -> str:
+    """Links to the sections that there are."""
+    found = [match for part in parts if (match := re.match(r'<section id="([\w-]+)"><h2>([^<]*)</h2>', part))]
+    links = "".join(f'<a href="#{match[1]}">{match[2]}</a>' for match in found)
+    return f'<nav aria-label="Contents">{links}</nav>'
+
+
+class _Figures:
+    """Figures for the page, and into a folder as PNG and PDF where one is given."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+
+    def __call__(self, name: str, figure: Figure, words: str, kind: str = "") -> str:
+        if self.folder is None:
+            return picture(figures.png(figure), words, kind)
+        made = figures.png_and_pdf(figure)
+        for ending, content in made.items():
+            (self.folder / f"{name}.{ending}").write_bytes(content)
+        return picture(made["png"], words, kind)
+
+
+def _velocity(dataset: xarray.Dataset, drawn: _Figures) -> list[str]:
     times = dataset.sizes["time"]
     first = f"The first of {times} times. " if times > 1 else ""
-    body = [
-        f"<header><h1>{escape(title)}</h1>{_key_numbers(experiment, dataset, timings)}</header>",
-        _warnings(warnings),
-        _section(
-            "Velocity",
-            f"{first}Slices through the middle of the volume. Colour: velocity through the slice; arrows: velocity in "
-            "the slice, all to one scale; crosses: vectors that were replaced. +z points toward the camera.",
-            velocity_figure(dataset),
+    field = field_data(dataset)
+    every = " x ".join(str(field["step"][axis]) for axis in "xyz")
+    thinned = "" if every == "1 x 1 x 1" else f" To keep the page small, one vector in {every} along x, y, z is drawn."
+    return [
+        section(
+            "Velocity in 3D",
+            f"{first}Drag to turn; hold Ctrl and use the wheel to enlarge. The isosurface encloses where the flow "
+            "turns more than it deforms (Q-criterion), or where its vorticity is above the level. Both are differences "
+            f"of neighbouring vectors and noisier than these; nothing is smoothed.{thinned}",
+            viewers.field_block(field),
+            viewers.scene(field),
+            name="velocity",
+        ),
+        section(
+            "Slices",
+            "One plane of vectors after the other. Arrows: velocity in the slice; crosses: vectors that were replaced.",
+            viewers.slices(field),
+            subheading("Through the middle"),
+            drawn("velocity", figures.velocity_figure(dataset), "velocity in three slices through the middle"),
+            name="planes",
         ),
     ]
-    if accuracy:
-        body.append(_section("Accuracy", "Against the known truth of this recording.", _table(accuracy, "measure")))
-    body.append(
-        _section(
-            "Displacements",
-            "Before any replacement. Peak locking would crowd the middle figure at 0; an even spread is flat, if "
-            "displacements cover several voxels.",
-            histogram_figure(dataset, voxel_mm, dt_s),
-        )
-    )
-    if views is not None:
-        body.append(
-            _section(
-                "Reconstruction",
-                "Maximum projections of the first frame's volume. Particles should be small and alike; streaks along z "
-                "are ghosts, or particles near the focal plane, where depth cannot be told.",
-                volume_figure(views),
-            )
-        )
-    if crops:
-        body.append(
-            _section(
-                "Microlenses",
-                "Raw pixels with the lattice as found. Each circle should hold one micro-image, at the sensor's corner "
-                "as well as in the middle.",
-                raw_figure(crops),
-            )
-        )
-    body += [
-        _section("Numbers", "The content of summary.json.", _table(_flat(others), "key")),
-        _section("Timings", "", _timings(timings)) if timings else "",
-        _section("Settings", "The experiment file, every default written out.", _listing(experiment.dump_toml())),
+
+
+def _accuracy(accuracy: Mapping[str, Any], drawn: _Figures) -> list[str]:
+    if not accuracy:
+        return []
+    measures = {name: value for name, value in accuracy.items() if name != "by_depth"}
+    content = [table(measures, "measure")]
+    if (profile := accuracy.get("by_depth")) is not None:
+        content.append(drawn("accuracy", charts.accuracy_figure(profile), "errors by depth", "chart"))
+    return [section("Accuracy", "Against the known truth of this recording.", *content, name="accuracy")]
+
+
+def _validation(experiment: Experiment, dataset: xarray.Dataset, drawn: _Figures) -> str:
+    dt_s, voxel_mm = experiment.recording_table.dt_s, experiment.volume.voxel_mm
+    share = 100 * float(np.mean(dataset["valid"].values != 1))
+    content = [
+        drawn("validation", charts.validation_figure(dataset), "where vectors were replaced"),
+        subheading(
+            "Displacements before any replacement",
+            "Peak locking would crowd the middle figure at 0; an even spread is flat, if displacements cover several "
+            "voxels.",
+        ),
+        drawn("displacements", figures.histogram_figure(dataset, voxel_mm, dt_s), "histograms", "chart"),
     ]
-    Path(path).write_text(PAGE.format(title=escape(title), style=STYLE, body="\n".join(body)), encoding="utf-8")
+    if all(f"{name}_std" in dataset for name in "uvw"):
+        content += [
+            subheading(
+                "Uncertainty",
+                "As each vector states it: scatter of the particles in its window, and flow that the window does not "
+                "resolve. Errors common to both frames are not in it.",
+            ),
+            drawn("uncertainty", charts.uncertainty_figure(dataset), "stated standard deviations", "chart"),
+        ]
+    words = (
+        f"{share:.1f} % of the vectors were replaced by a fit to their neighbours. A few per cent are usual; clusters "
+        "are a place where something is wrong."
+    )
+    return section("Validation", words, *content, name="validation")
 
 
-PAGE = """<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<style>{style}</style>
-</head>
-<body>
-{body}
-<footer>Lengths in mm, velocities in m/s, z = 0 the focal plane. Written by PlenoPIV.</footer>
-</body>
-</html>
-"""
+def _reconstruction(
+    summary: Mapping[str, Any], views: Projections | None, pictures: Mapping[str, Stack], drawn: _Figures
+) -> str:
+    content = []
+    if "volume" in pictures:
+        content.append(viewers.stack(pictures["volume"], "plane of the reconstructed volume"))
+    if views is not None:
+        content += [
+            subheading("Seen along z and along y"),
+            drawn("volume", figures.volume_figure(views), "maximum projections of the volume"),
+        ]
+    frames = summary.get("reconstruction", {})
+    residuals = {name: frame["residual_counts_by_round"] for name, frame in frames.items()}
+    if residuals:
+        content += [
+            subheading(
+                "Residual",
+                "What the volume leaves unexplained of the pixels, met by each round. It should fall, and end near the "
+                "noise.",
+            ),
+            drawn("residuals", charts.residual_figure(residuals), "residual by round", "chart narrow"),
+        ]
+    words = (
+        "The first frame's volume. Particles should be small and alike; streaks along z are ghosts, or particles near "
+        "the focal plane, where depth cannot be told."
+    )
+    return section("Reconstruction", words, *content, name="reconstruction") if content else ""
+
+
+def _light_field(crops: Sequence[RawCrop], pictures: Mapping[str, Stack], drawn: _Figures) -> str:
+    content = []
+    if crops:
+        content += [
+            subheading(
+                "Raw image with the lattice",
+                "Each circle should hold one micro-image, at the sensor's corner as well as in the middle.",
+            ),
+            drawn("lattice", figures.raw_figure(crops), "raw pixels with the lattice"),
+        ]
+    for name, heading, words in STACKS:
+        if name in pictures:
+            content += [subheading(heading, words), viewers.stack(pictures[name], heading)]
+    return section("Light field", "The first frame.", *content, name="light-field") if content else ""
+
+
+STACKS = (
+    (
+        "views",
+        "Sub-aperture views",
+        "What the scene looks like through one portion of the main lens, from left to right and then from below to "
+        "above. Particles away from the focal plane move from view to view; those in it stand still.",
+    ),
+    (
+        "refocus",
+        "Refocused through depth",
+        "All views added up for one depth: particles there become points, others are blurred.",
+    ),
+)
+
+
+def _effort(summary: Mapping[str, Any]) -> str:
+    timings, memory = dict(summary.get("timings_s", {})), dict(summary.get("peak_memory_gb", {}))
+    content = []
+    if timings:
+        content += [subheading("Time by stage"), bars([(k, s, f"{s:.2f} s") for k, s in timings.items()])]
+    if memory:
+        content += [subheading("Peak of memory up to the end of a stage")]
+        content += [bars([(k, gb, f"{gb:.2f} GB") for k, gb in memory.items()])]
+    return section("Time and memory", "Up to the writing of this page.", *content, name="effort") if content else ""
+
+
+def _configuration(experiment: Experiment, summary: Mapping[str, Any]) -> str:
+    versions = summary.get("versions", {})
+    listing = f"<details><summary>experiment.toml</summary><pre>{plain(experiment.dump_toml())}</pre></details>"
+    content = [listing, *([table(versions, "version of")] if versions else [])]
+    return section("Configuration", "The experiment file, every default written out.", *content, name="configuration")
+
+
+def _others(summary: Mapping[str, Any]) -> dict[str, Any]:
+    return flat({key: value for key, value in summary.items() if key not in SECTIONS_OF_THEIR_OWN})
 
 
 def _key_numbers(experiment: Experiment, dataset: xarray.Dataset, timings: Mapping[str, float]) -> str:
@@ -122,65 +253,15 @@ def _key_numbers(experiment: Experiment, dataset: xarray.Dataset, timings: Mappi
     ]
     if timings:
         numbers.append((_duration(sum(timings.values())), "computing"))
-    items = "".join(f"<div><dt>{escape(label)}</dt><dd>{escape(value)}</dd></div>" for value, label in numbers)
+    items = "".join(f"<div><dt>{plain(label)}</dt><dd>{plain(value)}</dd></div>" for value, label in numbers)
     return f"<dl>{items}</dl>"
 
 
 def _warnings(lines: Sequence[str]) -> str:
     if not lines:
         return '<p class="fine">No warnings.</p>'
-    items = "".join(f"<li>{escape(str(line))}</li>" for line in lines)
+    items = "".join(f"<li>{plain(line)}</li>" for line in lines)
     return f'<section class="warnings"><h2>{len(lines)} warning{"s"[: len(lines) > 1]}</h2><ul>{items}</ul></section>'
-
-
-def _section(heading: str, words: str, content: Figure | str) -> str:
-    if isinstance(content, Figure):
-        image = base64.b64encode(png(content)).decode("ascii")
-        content = f'<figure><img alt="{escape(heading)}" src="data:image/png;base64,{image}"></figure>'
-    words = f"<p>{escape(words)}</p>" if words else ""
-    return f"<section><h2>{escape(heading)}</h2>{words}{content}</section>"
-
-
-def _table(values: Mapping[str, Any], first: str) -> str:
-    rows = "".join(f"<tr><th>{escape(str(k))}</th><td>{escape(_text(v))}</td></tr>" for k, v in values.items())
-    return f"<table><thead><tr><th>{first}</th><td>value</td></tr></thead><tbody>{rows}</tbody></table>"
-
-
-def _timings(timings: Mapping[str, float]) -> str:
-    longest = max(timings.values()) or 1.0
-    rows = "".join(
-        f"<tr><th>{escape(stage)}</th><td>{seconds:.2f} s</td>"
-        f'<td class="bar"><i style="width:{100 * seconds / longest:.1f}%"></i></td></tr>'
-        for stage, seconds in timings.items()
-    )
-    return f"<table><tbody>{rows}</tbody></table>"
-
-
-def _listing(text: str) -> str:
-    return f"<details><summary>experiment.toml</summary><pre>{escape(text)}</pre></details>"
-
-
-def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested tables as one, with dotted keys."""
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, bool | np.bool_):
-        return "yes" if value else "no"
-    if isinstance(value, int | np.integer):
-        return f"{value:,}"
-    if isinstance(value, float | np.floating):
-        return f"{value:.6g}"
-    if isinstance(value, list | tuple | np.ndarray):
-        return ", ".join(_text(item) for item in value)
-    return "–" if value is None else str(value)
 
 
 def _duration(seconds: float) -> str:

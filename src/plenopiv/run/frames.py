@@ -33,9 +33,10 @@ from plenopiv.reconstruction.chain import Reconstruction, reconstruct
 from plenopiv.reconstruction.focus import focus_weight
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
-from plenopiv.report import projections, raw_crops, write_report
+from plenopiv.report import light_field_stacks, projections, raw_crops, volume_stack, write_report
 from plenopiv.run import duration
 from plenopiv.run.memory import estimate, peak_so_far
+from plenopiv.run.versions import versions
 from plenopiv.velocity import velocity_dataset
 
 if TYPE_CHECKING:
@@ -78,7 +79,8 @@ def run(
     score: Score | None = None,
     memory_gb: float | None = None,
 ) -> RunResult:
-    """Run the whole chain and write the results folder: velocity.nc, summary.json, experiment.toml, report.html.
+    """Run the whole chain and write the results folder: velocity.nc, summary.json, experiment.toml, report.html
+    and its figures.
 
     ``progress(stage, done, total)`` is called as work proceeds. ``score``, where the truth is known, turns the velocity
     field into measures for the report; a run itself never reads a truth. ``memory_gb``: a run that would take more
@@ -138,6 +140,9 @@ def run(
         left = takes.left(len(recording), clock.seconds["reconstruction"])
         log.info("%s reconstructed; about %s left", recording.frame_paths[0].name, duration.spoken(left))
         crops, views = raw_crops(image, camera, recording.frame_paths[0].name), projections(before.volume)
+        with clock("report"):
+            z_mm = projector.grid.limits_mm()[2]
+            stacks = [volume_stack(before.volume), *light_field_stacks(decode(image, where), z_mm)]
         names = [path.name for path in recording.frame_paths]
         frames, fields = {names[0]: _frame_summary(before)}, []
         for k in range(1, len(recording)):
@@ -153,6 +158,7 @@ def run(
         velocity.attrs["source"] = f"PlenoPIV {plenopiv.__version__}, {experiment.path.name}"
         summary = {
             "plenopiv": plenopiv.__version__,
+            "versions": versions(),
             "experiment": experiment.path.name,
             "frames": names,
             "calibration": calibration,
@@ -178,6 +184,8 @@ def run(
                 dataset=velocity,
                 crops=crops,
                 views=views,
+                stacks=stacks,
+                figures_folder=out.path("figures"),
                 accuracy=score(velocity) if score else None,
             )
         out.write_json("summary.json", summary)

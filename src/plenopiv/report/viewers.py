@@ -1,0 +1,99 @@
+"""What turns and slides on the page: its controls as HTML. The scripts in ``browser`` bring them to life."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from plenopiv.report.document import data_block, plain
+from plenopiv.report.stacks import Stack
+
+WITHOUT = (
+    '<noscript><p class="fine">Scripts are switched off: this picture needs them. The figures below show the middle of '
+    "the volume.</p></noscript>"
+)
+
+
+def field_block(field: Mapping[str, Any]) -> str:
+    """The field that scene and slices draw."""
+    return data_block("field", field)
+
+
+def scene(field: Mapping[str, Any]) -> str:
+    """The 3D scene: isosurface, slices, arrows, and what is shown of them."""
+    criteria = {name: found["label"] for name, found in field["criteria"].items()} | {"": "none"}
+    planes = "".join(
+        f'<label class="wide-label"><span><input type="checkbox" data-control="show-{axis}"{checked}> slice across '
+        f'{axis} <output data-said="slice-{axis}"></output></span>'
+        f"{_slider(f'slice-{axis}', len(field['axes'][axis]), f'place of the slice across {axis}')}</label>"
+        for axis, checked in (("z", " checked"), ("y", ""), ("x", ""))
+    )
+    controls = (
+        f"<label>isosurface of {_choice('criterion', criteria)}</label>"
+        '<label class="wide-label"><span>level <output data-said="level"></output></span>'
+        '<input type="range" data-control="level" min="1" max="99" value="40" aria-label="level of the isosurface">'
+        f"</label>{planes}<label>colour {_choice('colour', _quantities())}</label>"
+        '<label><input type="checkbox" data-control="arrows" checked> arrows</label>'
+        '<button type="button" data-control="front">as the camera sees it</button>'
+    )
+    canvases = (
+        '<canvas class="solid" aria-hidden="true"></canvas><canvas class="flat" tabindex="0" role="img" '
+        'aria-label="The velocity volume in 3D; arrow keys turn it, plus and minus enlarge it"></canvas>'
+    )
+    absent = (
+        '<p class="absent fine" hidden>This browser has no WebGL, so the scene cannot be drawn. The slices below show '
+        "the same vectors.</p>"
+    )
+    return _viewer("scene", canvases, controls + _save(), absent)
+
+
+def slices(field: Mapping[str, Any]) -> str:
+    """Vector slices: which axis they cross, where, and what is coloured."""
+    normals = {"y": "y (depth upward)", "z": "z (as the camera sees)", "x": "x (depth to the right)"}
+    controls = (
+        f"<label>across {_choice('normal', normals)}</label>"
+        '<label class="wide-label"><span>place <output data-said="place"></output></span>'
+        f"{_slider('place', len(field['axes']['y']), 'place of the slice')}</label>"
+        f"<label>colour {_choice('colour', _quantities())}</label>"
+    )
+    canvas = '<canvas role="img" aria-label="A slice of the velocity field"></canvas>'
+    return _viewer("slices", canvas, controls + _save())
+
+
+def stack(pictures: Stack, words: str) -> str:
+    """Pictures under a slider."""
+    controls = (
+        '<label class="wide-label"><output data-said="place"></output>'
+        f'<input type="range" min="0" max="{len(pictures.pictures) - 1}" value="{pictures.start}" '
+        f'aria-label="{plain(words)}"></label>'
+    )
+    canvas = f'<canvas role="img" aria-label="{plain(words)}"></canvas>'
+    viewer = _viewer(pictures.name, canvas, controls + _save(), kind="viewer stack")
+    return data_block(pictures.name, pictures.data()) + viewer
+
+
+def _viewer(name: str, canvases: str, controls: str, more: str = "", kind: str = "viewer") -> str:
+    return (
+        f'<div class="{kind}" id="{plain(name)}"><div class="stage">{canvases}</div>{more}{WITHOUT}'
+        f'<div class="controls">{controls}</div></div>'
+    )
+
+
+def _quantities() -> dict[str, str]:
+    return {"speed": "speed", "u": "u (along x)", "v": "v (along y)", "w": "w (along z)"}
+
+
+def _choice(name: str, options: Mapping[str, str]) -> str:
+    items = "".join(f'<option value="{plain(value)}">{plain(label)}</option>' for value, label in options.items())
+    return f'<select data-control="{name}">{items}</select>'
+
+
+def _slider(name: str, count: int, words: str) -> str:
+    return (
+        f'<input type="range" data-control="{name}" min="0" max="{max(count - 1, 0)}" value="{count // 2}" '
+        f'aria-label="{plain(words)}">'
+    )
+
+
+def _save() -> str:
+    return '<button type="button" data-control="save">save as PNG</button>'
