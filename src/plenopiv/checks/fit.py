@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,7 +137,7 @@ class _Blocks:
 def _blocks(shape: tuple[int, int], pitch_px: float) -> _Blocks:
     """Square blocks spread evenly over an image, to its corners."""
     side = int(min(BLOCK * pitch_px, *shape))
-    counts = [max(1, round(length / side)) for length in shape]
+    counts = [ceil(length / side) for length in shape]
     most = int(np.sqrt(MOST_BLOCKS))
     rows, columns = (
         np.linspace(0, length - side, min(n, most)).astype(int) for length, n in zip(shape, counts, strict=True)
