@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.sensor import Orientation, Sensor, upright
 
+EXIF = 34665
+BULKY_TAGS = {273, 279, 324, 325, EXIF}  # where the pixels lie
 SATURATED_SHARE = 1e-4  # above this a recording is warned about
 TIFF_SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
@@ -142,6 +144,27 @@ def image_size(path: Path) -> tuple[int, int]:
     """
     with _opened(path, None) as page:
         return int(page.imagewidth), int(page.imagelength)
+
+
+def tiff_tags(path: Path) -> dict[int, object]:
+    """Values of the tags of a TIFF file by their code, those of its EXIF block too.
+
+    Raises:
+        PlenoPIVError: as ``image_size`` does.
+    """
+    with _opened(path, None) as page:
+        tags = {tag.code: tag.value for tag in page.tags if tag.code not in BULKY_TAGS}
+        names = _exif_codes()
+        for name, value in (page.tags.valueof(EXIF, {}) or {}).items():
+            if name in names:
+                tags.setdefault(names[name], value)
+    return tags
+
+
+def _exif_codes() -> dict[str, int]:
+    import tifffile
+
+    return {name: code for code, name in tifffile.TIFF.EXIF_TAGS.items()}
 
 
 @contextmanager

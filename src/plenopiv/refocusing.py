@@ -14,6 +14,8 @@ Pictures are for looking; reconstruction uses the raw pixels.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -58,9 +60,13 @@ def sub_aperture(
 
 
 def refocused(
-    lightfield: LightField, z_mm: float, x_mm: ArrayLike | None = None, y_mm: ArrayLike | None = None
+    lightfield: LightField,
+    z_mm: float,
+    x_mm: ArrayLike | None = None,
+    y_mm: ArrayLike | None = None,
+    views: Iterable[int] | None = None,
 ) -> NDArray[np.float32]:
-    """All views added up at depth ``z_mm`` of the object frame: float32 (y, x), row 0 at the largest y by default.
+    """All ``views`` added up at depth ``z_mm`` of the object frame: float32 (y, x), row 0 at the largest y by default.
 
     The mean over views, in counts of a pixel that the aperture lights wholly. Axes as in ``sub_aperture``, in mm at
     ``z_mm``; NaN where no view sees.
@@ -74,7 +80,7 @@ def refocused(
         raise PlenoPIVError(f"z = {z_mm:g} mm is not in front of the main lens, which is at z = {lens_z:.6g} mm")
     x, y = _axes(where.camera, x_mm, y_mm)
     light, share = np.zeros((y.size, x.size)), np.zeros((y.size, x.size))
-    for view in range(where.views):
+    for view in range(where.views) if views is None else views:
         counts, lit = _seen_through(lightfield, view, z_mm, x, y)
         light += counts
         share += lit

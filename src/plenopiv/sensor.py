@@ -10,7 +10,7 @@ The microlens plane's (s, t) is inverted with respect to the object (M < 0), so 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -50,6 +50,19 @@ class Sensor:
         """(column, row) in an upright image of (s, t) in mm on the sensor."""
         c0, r0 = self.axis
         return c0 - np.asarray(s_mm, float) / self.pixel_pitch_mm, r0 + np.asarray(t_mm, float) / self.pixel_pitch_mm
+
+
+def middle(sensor: Sensor, columns: int, rows: int) -> Sensor:
+    """The sensor's middle, at most so many pixels, with the optical axis where it was: a pixel less where one side is
+    even and the other odd."""
+    columns, rows = min(columns, sensor.columns), min(rows, sensor.rows)
+    return replace(sensor, columns=columns - (sensor.columns - columns) % 2, rows=rows - (sensor.rows - rows) % 2)
+
+
+def middle_of(image: NDArray, part: Sensor) -> NDArray:
+    """The pixels (rows, columns) of ``middle`` out of a whole image (a view, no copy)."""
+    row, column = (image.shape[0] - part.rows) // 2, (image.shape[1] - part.columns) // 2
+    return image[row : row + part.rows, column : column + part.columns]
 
 
 def upright(image: NDArray, orientation: Orientation) -> NDArray:

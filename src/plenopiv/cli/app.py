@@ -7,14 +7,16 @@ from typing import Annotated
 
 import typer
 
+from plenopiv.cli.speech import Outcome, speech
+
 app = typer.Typer(
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
 
 ExperimentFile = Annotated[Path, typer.Argument(metavar="EXPERIMENT", help="The experiment file (.toml).")]
+Frame = Annotated[str | None, typer.Argument(metavar="[FRAME]", help="Its file's name, or its number from 1.")]
 DENSITIES = (0.5, 1.0, 2.0)  # particles per microlens that design simulates
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is already there.")]
 
@@ -27,10 +29,22 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
+def _say(command: str, outcome: Outcome | str) -> None:
+    code = speech.result(command, outcome)
+    if code:
+        raise typer.Exit(code)
+
+
 @app.callback()
 def plenopiv_command(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and leave.")
+    ] = False,
+    quiet: Annotated[  # this and the next are read before (speech.begin), so that they may stand anywhere
+        bool, typer.Option("--quiet", "-q", help="No progress and no notes; also after a command.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object a line on stdout, for programs; also after a command.")
     ] = False,
 ) -> None:
     """From raw images of one plenoptic camera to a 3D velocity field.
@@ -41,6 +55,7 @@ def plenopiv_command(
     \b
         plenopiv init run7 optics.json       draft run7/experiment.toml, every key explained
         plenopiv info run7/experiment.toml   what this camera can see, and what the run will need
+        plenopiv check run7/experiment.toml  is the recording good? in words, with advice
         plenopiv run run7/experiment.toml    velocity.nc, summary.json and report.html in run7/results
 
     No recording at hand? See the whole chain on a synthetic one, scored against the truth, in a minute or two:
@@ -76,7 +91,7 @@ def init(
     """
     from plenopiv.cli.init import init
 
-    typer.echo(init(folder, sheet, overwrite))
+    _say("init", init(folder, sheet, overwrite))
 
 
 @app.command()
@@ -102,7 +117,7 @@ def simulate(
     """
     from plenopiv.cli.simulate import simulate
 
-    typer.echo(simulate(experiment, folder, overwrite))
+    _say("simulate", simulate(experiment, folder, overwrite))
 
 
 @app.command()
@@ -118,7 +133,85 @@ def calibrate(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
     """
     from plenopiv.cli.calibrate import calibrate
 
-    typer.echo(calibrate(experiment, overwrite))
+    _say("calibrate", calibrate(experiment, overwrite))
+
+
+@app.command()
+def check(experiment: ExperimentFile) -> None:
+    """Is this recording good? Lattice, f-numbers, exposure, background, seeding, displacement, order of frames.
+
+    Each finding is good, a warning, or "unusable" (exit code 2), with what to do about it; look/check.png beside the
+    experiment file shows what was looked at. It takes seconds, on large sensors a minute or two.
+
+    \b
+    Example:
+        plenopiv check run7/experiment.toml
+        plenopiv --json check run7/experiment.toml
+    """
+    from plenopiv.cli.look import check
+
+    _say("check", check(experiment))
+
+
+@app.command()
+def views(
+    experiment: ExperimentFile,
+    frame: Frame = None,
+    across: Annotated[int, typer.Option(metavar="N", min=1, max=15, help="Views along the aperture's diameter.")] = 5,
+) -> None:
+    """Draw sub-aperture images: what the camera sees through different places of its main lens.
+
+    Particles nearer to the camera or farther away are displaced from view to view. Writes look/views-FRAME.png beside
+    the experiment file.
+
+    \b
+    Example:
+        plenopiv views run7/experiment.toml
+        plenopiv views run7/experiment.toml a.tif --across 9
+    """
+    from plenopiv.cli.look import views
+
+    _say("views", views(experiment, frame, across))
+
+
+@app.command()
+def refocus(
+    experiment: ExperimentFile,
+    frame: Frame = None,
+    z: Annotated[
+        list[float] | None, typer.Option("--z", metavar="MM", help="Depth in mm, + toward the camera; may be repeated.")
+    ] = None,
+) -> None:
+    """Draw a frame refocused at one or several depths: all views shifted and added.
+
+    Particles are sharp at their own depth. Without --z some depths of the volume are taken. Writes
+    look/refocus-FRAME.png beside the experiment file.
+
+    \b
+    Example:
+        plenopiv refocus run7/experiment.toml
+        plenopiv refocus run7/experiment.toml --z -2 --z 0 --z 2
+    """
+    from plenopiv.cli.look import refocus
+
+    _say("refocus", refocus(experiment, z or (), frame))
+
+
+@app.command()
+def preview(experiment: ExperimentFile) -> None:
+    """Measure the middle of the field coarsely, in well under a minute once the kernels are compiled.
+
+    The first two frames, wider voxels, fewer rounds: to see whether settings are near, not to measure. Writes the
+    folder preview beside the experiment file, with velocity.nc, preview.png, report.html and the small recording that
+    was used; results are not touched.
+
+    \b
+    Example:
+        plenopiv preview run7/experiment.toml
+    """
+    from plenopiv.cli.look import preview
+
+    _say("preview", preview(experiment))
 
 
 @app.command()
@@ -142,7 +235,7 @@ def run(
     """
     from plenopiv.cli.run import run
 
-    typer.echo(run(experiment, overwrite, memory))
+    _say("run", run(experiment, overwrite, memory))
 
 
 @app.command()
@@ -158,7 +251,7 @@ def info(
     """
     from plenopiv.cli.info import info
 
-    typer.echo(info(file))
+    _say("info", info(file))
 
 
 @app.command()
@@ -195,7 +288,7 @@ def design(
     from plenopiv.cli.design import design
 
     densities = (density or DENSITIES) if simulate else ()
-    typer.echo(design(sheet, folder, depth, densities, compare, overwrite))
+    _say("design", design(sheet, folder, depth, densities, compare, overwrite))
 
 
 @app.command()
@@ -212,4 +305,4 @@ def demo(
     """
     from plenopiv.cli.demo import demo
 
-    typer.echo(demo(folder, overwrite))
+    _say("demo", demo(folder, overwrite))

@@ -1,6 +1,7 @@
 """The entry point: what goes wrong is one line on stderr and an exit code, never a traceback.
 
-Exit codes: 0 done (perhaps with warnings), 2 an input cannot be used, 130 interrupted, 143 terminated.
+Exit codes: 0 done (perhaps with warnings), 2 an input cannot be used, 130 interrupted, 143 terminated. How lines look
+(words, JSON, colours) is up to ``speech``.
 """
 
 from __future__ import annotations
@@ -15,12 +16,13 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 from plenopiv.cli.app import app
+from plenopiv.cli.speech import speech
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line (``sys.argv`` by default) and return its exit code."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    given = speech.begin(list(sys.argv[1:] if arguments is None else arguments))
     with _warnings_in_one_line(), _notes_in_one_line(), _terminated_like_interrupted():
         try:
             code = app(args=given or ["--help"], prog_name="plenopiv", standalone_mode=False)
@@ -42,13 +44,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             context = getattr(error, "ctx", None)
             return _fail(f"{usage().rstrip('.')}; see {context.command_path if context else 'plenopiv'} --help")
     if code == 130:
+        if speech.as_json:
+            return speech.error("interrupted; nothing was written", code)
         print("plenopiv: interrupted; nothing was written", file=sys.stderr)
     return code if isinstance(code, int) else 0
 
 
 def _fail(message: str) -> int:
-    print(f"plenopiv: error: {' '.join(message.split())}", file=sys.stderr)
-    return 2
+    return speech.error(message, 2)
 
 
 @contextmanager
@@ -63,7 +66,7 @@ def _warnings_in_one_line() -> Iterator[None]:
                 usual(message, category, filename, lineno, file, line)
             elif str(message) not in said:
                 said.add(str(message))
-                print(f"plenopiv: warning: {' '.join(str(message).split())}", file=sys.stderr)
+                speech.warning(str(message))
 
         warnings.showwarning = show
         yield
@@ -72,8 +75,8 @@ def _warnings_in_one_line() -> Iterator[None]:
 @contextmanager
 def _notes_in_one_line() -> Iterator[None]:
     """Print what the package logs (what memory a run takes, say), a line each."""
-    log, handler = logging.getLogger("plenopiv"), logging.StreamHandler(sys.stderr)
-    handler.setFormatter(logging.Formatter("plenopiv: %(message)s"))
+    log, handler = logging.getLogger("plenopiv"), logging.Handler()
+    handler.emit = lambda record: speech.note(record.getMessage())  # type: ignore[method-assign]
     before = log.level
     log.addHandler(handler)
     log.setLevel(logging.INFO)

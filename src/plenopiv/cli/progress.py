@@ -1,4 +1,4 @@
-"""Progress of long work: bars where a person watches, a line for each stage elsewhere."""
+"""Progress of long work: bars where a person watches, lines elsewhere, JSON for programs."""
 
 from __future__ import annotations
 
@@ -6,20 +6,26 @@ import sys
 from time import perf_counter
 from typing import Any
 
+from plenopiv.cli.speech import speech
+
 QUIET_S = 2.0  # work shorter than this shows nothing
+LINE_S = 30.0  # between two lines of one stage, off a terminal
+EVENT_S = 1.0  # the same as JSON
 
 
 class Progress:
-    """A callable ``progress(stage, done, total)`` that shows how far each stage is.
+    """A callable ``progress(stage, done, total)`` that shows how far each stage is, and when it will be done.
 
     Use as a context manager. On a terminal every stage is a bar that appears once the work has taken two seconds;
-    elsewhere (a log, a cluster) a line is printed when a stage ends that took longer than that.
+    elsewhere (a log, a cluster) a line is printed when a stage ends that took longer than that, and every half minute
+    before. ``--json`` makes events of it, ``--quiet`` leaves it out (``speech``).
     """
 
     def __init__(self) -> None:
         self._bars: Any = None  # rich's, once there is something to show
         self._tasks: dict[str, int] = {}
         self._started: dict[str, float] = {}
+        self._spoke: dict[str, float] = {}
         self._ended: set[str] = set()
         self._terminal = sys.stderr.isatty()
         self._begin = perf_counter()
@@ -35,21 +41,44 @@ class Progress:
     def __call__(self, stage: str, done: int, total: int) -> None:
         """``done`` of ``total`` parts of a stage's work are done."""
         now = perf_counter()
-        self._started.setdefault(stage, now)
-        if self._terminal:
+        begin = self._started.setdefault(stage, now)
+        if speech.quiet:
+            return
+        if speech.as_json:
+            self._event(stage, done, total, now, now - begin)
+        elif self._terminal:
             self._draw(now)
             if self._bars is not None:
                 self._bars.update(self._tasks[stage], completed=done, total=total)
-        elif done >= total and stage not in self._ended:
+        else:
+            self._line(stage, done, total, now, now - begin)
+
+    def _line(self, stage: str, done: int, total: int, now: float, took: float) -> None:
+        if stage in self._ended:
+            return
+        if done >= total:
             self._ended.add(stage)
-            took = now - self._started[stage]
             if took >= QUIET_S:
                 print(f"plenopiv: {stage}: {took:.1f} s", file=sys.stderr, flush=True)
+        elif now - self._spoke.setdefault(stage, now) >= LINE_S:
+            self._spoke[stage] = now
+            left = left_s(done, total, took)
+            ahead = "" if left is None else f", about {spoken(left)} left"
+            print(f"plenopiv: {stage}: {100 * done / total:.0f} %{ahead}", file=sys.stderr, flush=True)
+
+    def _event(self, stage: str, done: int, total: int, now: float, took: float) -> None:
+        ends = done >= total and stage not in self._ended
+        if ends or now - self._spoke.get(stage, -EVENT_S) >= EVENT_S:
+            self._spoke[stage] = now
+            self._ended |= {stage} if ends else set()
+            left = left_s(done, total, took)
+            eta = None if left is None else round(left, 1)
+            speech.event("progress", stage=stage, done=done, total=total, elapsed_s=round(took, 1), eta_s=eta)
 
     def _draw(self, now: float) -> None:
         if self._bars is None and now - self._begin >= QUIET_S:
             from rich.console import Console
-            from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
+            from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
             from rich.progress import Progress as Bars
 
             self._bars = Bars(
@@ -57,6 +86,8 @@ class Progress:
                 BarColumn(),
                 TaskProgressColumn(),
                 TimeElapsedColumn(),
+                TextColumn("left"),
+                TimeRemainingColumn(),
                 console=Console(stderr=True),
             )
             self._bars.start()
@@ -64,3 +95,15 @@ class Progress:
             for stage in self._started:
                 if stage not in self._tasks:
                     self._tasks[stage] = self._bars.add_task(stage, total=1.0)
+
+
+def left_s(done: int, total: int, took: float) -> float | None:
+    """Seconds until a stage ends if it goes on as it did; None before anything is done."""
+    return took * (total - done) / done if done > 0 else None
+
+
+def spoken(seconds: float) -> str:
+    """As a person would say it."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -1,0 +1,164 @@
+"""Exposure and background of the frames, and how strewn with particles they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.checks.findings import Finding
+from plenopiv.lightfield import LightField
+from plenopiv.projection.projector import Projector
+from plenopiv.reconstruction.candidates import typical_particle
+from plenopiv.reconstruction.noise import Noise, dark_noise
+from plenopiv.sensor import Sensor
+
+CLIPPED_SHARE = 1e-4  # of a frame's pixels at the highest count, from which a recording is warned about
+CLIPPED_BADLY = 0.01
+FAINTEST = 4.0  # of its noise that a particle in focus gives a pixel; 80 electrons at read noise 5 are 8
+LOWEST = 2.0  # per cent: the darkest pixels under microlenses
+BELOW_MEAN = 2.05  # standard deviations by which these lie below the mean of dark pixels (normal distribution)
+STRAY = 0.25  # background over what a particle in focus gives a pixel
+BELOW_BLACK = 0.65  # share of pixels below the black level; half of the dark ones are
+OVERLAP = 4.5  # particles in a pixel's way; up to 3.0 (1 ppm, 20 mm deep) are measured well in docs/accuracy.md
+FEWEST_IN_WINDOW = 5.0
+
+
+@dataclass(frozen=True)
+class Light:
+    """What the pixels of one frame hold, in counts above the black level.
+
+    ``particle``: of a typical particle in a pixel that it lights wholly in focus; ``noise`` of the pixels; ``mean``;
+    ``background``: of the darkest pixels; ``below`` share under the black level; ``overlap``: particles in a pixel,
+    from its mean and the variance that light makes of it, (sum w)^2 / sum w^2 of those in its way.
+    """
+
+    particle: float
+    noise: Noise
+    mean: float
+    background: float
+    below: float
+    overlap: float
+
+    @property
+    def clearness(self) -> float:
+        """A particle's light in a pixel over the noise there."""
+        spread = float(self.noise.std(np.array(self.particle, np.float32)))
+        return self.particle / spread if spread > 0 else 0.0
+
+    @property
+    def ppm(self) -> float:
+        """Particles per microlens: the light under one over a particle's."""
+        return max(self.mean - self.background, 0.0) / self.particle if self.particle > 0 else 0.0
+
+
+def light_of(lightfield: LightField, projector: Projector, counts_per_electron: float) -> Light:
+    """Measure one frame; ``projector`` of the volume that is lit."""
+    noise = Noise(dark_noise(lightfield), counts_per_electron)
+    total, squares, _ = projector.sharpness().T
+    share = projector.light_of_planes().astype(np.float64)
+    particle = typical_particle(lightfield, projector, noise)
+    through = [lightfield.values[view][projector.looks_through(int(view))] for view in projector.whole_views]
+    values = np.concatenate(through)  # of pixels that see nothing but the volume
+    if values.size == 0:
+        values = lightfield.values[lightfield.layout.seen]
+    mean = float(values.mean(dtype=np.float64))
+    one = particle * (share**2 @ squares) / (share @ total)  # variance over mean
+    lowest = float(np.percentile(values, LOWEST)) + BELOW_MEAN * noise.dark
+    background = _background(lowest, mean, one)
+    overlap = max(mean - background, 0.0) / one if one > 0 else 0.0
+    return Light(
+        particle * projector.light_in_focus, noise, mean, background, float(np.mean(values < -0.5)), float(overlap)
+    )
+
+
+def _background(lowest: float, mean: float, one: float) -> float:
+    """Light that the darkest pixels hold beyond what particles strewn at random leave in them: counts of a pixel are
+    near a gamma distribution of ``mean`` and variance ``one`` times that."""
+    from scipy.stats import gamma
+
+    background = 0.0
+    for _ in range(30):
+        particles = max(mean - background, 0.0) / one if one > 0 else 0.0
+        expected = one * float(gamma.ppf(LOWEST / 100, particles)) if particles > 0 else 0.0
+        background = max(lowest - expected, 0.0)
+    return background
+
+
+def exposure(counts: NDArray, sensor: Sensor, found: Light, name: str) -> list[Finding]:
+    """Over- and underexposure of a frame (upright counts), and its background."""
+    out = [_clipping(counts, sensor, name)]
+    if found.clearness < FAINTEST:
+        out.append(
+            Finding(
+                "underexposed",
+                "warning" if found.clearness > 0.5 * FAINTEST else "unusable",
+                f"{name} is underexposed: a particle in focus gives a pixel {found.particle:.1f} counts, "
+                f"{found.clearness:.1f} times the noise",
+                found.clearness,
+                "noise",
+                "more light, larger particles, or a longer pulse; is black_level right?",
+            )
+        )
+    else:
+        words = f"a particle in focus gives a pixel of {name} {found.particle:.0f} counts, {found.clearness:.0f} times "
+        out.append(Finding("signal", "good", words + "the noise", found.clearness, "noise"))
+    if found.below > BELOW_BLACK:
+        words = f"{100 * found.below:.0f} % of the pixels of {name} lie below black_level = {sensor.black_level:g}"
+        advice = "set camera.sensor.black_level to the mean count with the lens cap on"
+        out.append(Finding("black-level", "warning", words, 100 * found.below, "%", advice))
+    elif found.particle > 0 and found.background > STRAY * found.particle and found.overlap < OVERLAP:
+        words = f"the darkest pixels of {name} hold {found.background:.0f} counts above the black level"
+        advice = "stray light, or camera.sensor.black_level is too low: take an image with the lens cap on"
+        out.append(Finding("background", "warning", words, found.background, "counts", advice))
+    else:
+        words = f"the darkest pixels of {name} are {found.background:.1f} counts above the black level"
+        out.append(Finding("background", "good", words, found.background, "counts"))
+    return out
+
+
+def _clipping(counts: NDArray, sensor: Sensor, name: str) -> Finding:
+    """Pixels at full scale, or heaped at a lower highest count: a sensor may saturate below what its bits hold."""
+    top = int(counts.max())
+    share = float(np.mean(counts == top))
+    high = top - sensor.black_level > 0.5 * (sensor.full_scale - sensor.black_level)
+    if high and share > CLIPPED_SHARE:
+        where = "full scale" if top >= sensor.full_scale else f"{top} counts, below full scale of {sensor.full_scale}"
+        return Finding(
+            "overexposed",
+            "unusable" if share > CLIPPED_BADLY else "warning",
+            f"{name} is overexposed: {100 * share:.2g} % of the pixels are at {where}",
+            100 * share,
+            "%",
+            "less light, a shorter pulse, or a lower gain: what is cut off is missing from the particles",
+        )
+    used = float(np.percentile(counts, 99.9) - sensor.black_level) / (sensor.full_scale - sensor.black_level)
+    words = f"no pixel of {name} is cut off; its brightest use {100 * used:.0f} % of the sensor's range"
+    return Finding("range", "good", words, 100 * used, "%")
+
+
+def seeding(found: Light, camera: PlenopticCamera, depth_mm: float, window_mm: tuple[float, float, float]) -> Finding:
+    """Particles per microlens, in a pixel, and in a window of the last pass (x, y, z in mm)."""
+    area = camera.lattice.cell_area_mm2 / camera.main_lens.magnification**2
+    in_window = found.ppm / (area * depth_mm) * float(np.prod(window_mm))
+    words = (
+        f"about {found.ppm:.2g} particles per microlens, {found.overlap:.1f} in the way of a pixel, "
+        f"{in_window:.0f} in a window of the last pass"
+    )
+    if found.overlap > OVERLAP:
+        advice = (
+            f"dilute to {found.ppm * OVERLAP / 1.5 / found.overlap:.1g} particles "
+            "per microlens, or light a thinner sheet"
+        )
+        return Finding(
+            "too-dense", "warning", f"seeding is too dense: {words}", found.overlap, "particles per pixel", advice
+        )
+    if in_window < FEWEST_IN_WINDOW and found.clearness >= FAINTEST:
+        words, advice = (
+            f"seeding is too thin: {words}",
+            "add particles, or give larger last windows (correlation.windows)",
+        )
+        return Finding("too-thin", "warning", words, in_window, "particles per window", advice)
+    return Finding("seeding", "good", words, found.ppm, "particles per microlens")

@@ -1,0 +1,153 @@
+"""All checks on one recording, and what their picture shows."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.checks import fit, light, motion, stamps, white
+from plenopiv.checks.findings import Finding
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.errors import PlenoPIVWarning
+from plenopiv.lightfield import LightField, decode, layout
+from plenopiv.projection.projector import Projector
+from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
+from plenopiv.recording import Recording
+from plenopiv.sensor import middle, middle_of
+from plenopiv.volume import VoxelGrid
+
+MIDDLE_PX = 1600  # light, seeding and displacement are measured in the sensor's middle: there is enough of them
+FRAMES = 3  # first, second and last: the light of others is taken to be alike
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Findings on a recording, and what was measured for them.
+
+    ``frame`` and ``white`` are upright counts; ``camera`` has the lattice of the white image, where one was found;
+    ``fit``, ``light`` and ``motion`` are None where an earlier finding leaves nothing to measure.
+    """
+
+    findings: tuple[Finding, ...]
+    camera: PlenopticCamera
+    name: str
+    frame: NDArray[np.uint16]
+    white: NDArray[np.uint16] | None
+    fit: fit.Fit | None = None
+    light: light.Light | None = None
+    motion: motion.Motion | None = None
+
+    @property
+    def usable(self) -> bool:
+        """No finding says that the recording is of no use."""
+        return all(finding.severity != "unusable" for finding in self.findings)
+
+
+def check(
+    recording: Recording,
+    camera: PlenopticCamera,
+    grid: VoxelGrid,
+    correlation: CorrelationSettings,
+    progress: Progress | None = None,
+) -> Checked:
+    """Look a recording over: files, white image, frames against it, light, seeding, displacement.
+
+    ``camera`` as it is stated, ``grid`` and ``correlation`` as a run would take them. ``progress(stage, done, total)``.
+
+    Raises:
+        PlenoPIVError: an image cannot be read.
+    """
+    report = progress or (lambda stage, done, total: None)
+    chosen = sorted({0, 1, len(recording) - 1})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PlenoPIVWarning)  # saturation is a finding here
+        frames = [recording.frame(k) for k in chosen]
+        image = recording.white()
+    names = [recording.frame_paths[k].name for k in chosen]
+    findings = _files(recording)
+    seen = Checked((), camera, names[0], frames[0], image)
+    if image is not None:
+        report("white image", 0, 1)
+        said, found = white.white_image(image, camera, recording.white_path.name)  # type: ignore[union-attr]
+        findings += said
+        report("white image", 1, 1)
+        if found is None:
+            return replace(seen, findings=tuple(findings))
+        seen = replace(seen, camera=camera.with_lattice(found.lattice))
+        black = camera.sensor.black_level
+        fits = []
+        for k, frame in enumerate(frames):
+            report("frames against the white image", k, len(frames))
+            fits.append(fit.fit(frame - black, image - black, seen.camera.image_pitch_px))
+        report("frames against the white image", len(frames), len(frames))
+        findings += _worst([fit.judged(f, name) for f, name in zip(fits, names, strict=True)])
+        seen = replace(seen, fit=fits[0])
+        if any(finding.severity == "unusable" for finding in findings if finding.name in ("flipped", "other-camera")):
+            return replace(seen, findings=tuple(findings))
+    said, lit, moved = _light_and_motion(recording, seen, frames[:2], names, grid, correlation, report)
+    return replace(seen, findings=tuple(findings + said), light=lit, motion=moved)
+
+
+def _files(recording: Recording) -> list[Finding]:
+    """What times and cameras in the files say."""
+    marks = [(path.name, stamps.stamp(path)) for path in recording.frame_paths]
+    out = [stamps.in_order(marks, recording.dt_s)]
+    if recording.white_path is not None:
+        other = stamps.same_camera(marks[0], (recording.white_path.name, stamps.stamp(recording.white_path)))
+        out += [other] if other else []
+    return out
+
+
+def _worst(findings: list[Finding]) -> list[Finding]:
+    """Those of several frames that are not good, one for each name, or the first where all are."""
+    bad = {finding.name: finding for finding in reversed(findings) if finding.severity != "good"}
+    return list(bad.values()) or findings[:1]
+
+
+def _light_and_motion(
+    recording: Recording,
+    seen: Checked,
+    frames: list[NDArray[np.uint16]],
+    names: list[str],
+    grid: VoxelGrid,
+    correlation: CorrelationSettings,
+    report: Progress,
+) -> tuple[list[Finding], light.Light, motion.Motion | None]:
+    """Exposure, background, seeding and displacement, in the sensor's middle."""
+    report("light", 0, 2)
+    part = middle(recording.sensor, MIDDLE_PX, MIDDLE_PX)
+    camera = replace(seen.camera, sensor=part)
+    where = layout(camera)
+    projector = Projector(where, grid, "1-ray")  # its geometry alone is asked
+    gain = NO_WHITE_IMAGE
+    if seen.white is not None:
+        gain = counts_per_electron(decode(middle_of(seen.white, part), where))
+    fields: list[LightField] = [decode(middle_of(frame, part), where) for frame in frames]
+    lights = [light.light_of(field, projector, gain) for field in fields]
+    out: list[Finding] = []
+    each = [
+        light.exposure(frame, recording.sensor, lit, name)
+        for frame, lit, name in zip(frames, lights, names, strict=False)
+    ]
+    for of_frames in zip(*each, strict=True):
+        out += _worst(list(of_frames))
+    report("light", 1, 2)
+    (lo, hi), last = grid.limits_mm()[2], correlation.windows[-1]
+    x, y, z = (n * d for n, d in zip(last, grid.voxel_mm, strict=True))
+    out.append(light.seeding(lights[0], camera, hi - lo, (x, y, z)))
+    report("light", 2, 2)
+    if any(finding.name == "underexposed" and finding.severity == "unusable" for finding in out):
+        return out, lights[0], None
+    report("displacement", 0, 1)
+    moved = motion.motion(fields[0], fields[1], (lo, hi))
+    limit = correlation.search * np.array(correlation.windows[0], float)
+    out.append(motion.judged(moved, grid.voxel_mm, limit))
+    report("displacement", 1, 1)
+    return out, lights[0], moved

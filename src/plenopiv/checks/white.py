@@ -1,0 +1,87 @@
+"""The white image: does it show one regular lattice of the stated kind, matched f-numbers, enough light."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.calibration import LatticeFit, find_lattice
+from plenopiv.calibration.aperture import aperture_disc
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.checks.findings import Finding
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+
+RESIDUAL_PX = 0.1  # RMS; a few hundredths are usual
+REGION_PX = 0.1
+MATCHED = 0.04  # by which micro-images may be wider or narrower than the pitch; measured to 0.5 %
+STATED = 0.04  # and than the stated aperture makes them
+SATURATED = 1e-3  # share of the pixels
+DARK = 0.05  # of the sensor's range that the lit pixels should reach
+
+
+def white_image(white: NDArray, camera: PlenopticCamera, name: str) -> tuple[list[Finding], LatticeFit | None]:
+    """Findings on an upright white image in counts, and the lattice, None where none is found."""
+    out = _light(white, camera, name)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PlenoPIVWarning)  # said below
+            fit = find_lattice(white, camera, name)
+    except PlenoPIVError as error:
+        said, _, advice = str(error).rpartition(": ")
+        wrong = "lattice-type" if "lattice states" in said else "no-lattice"
+        return [Finding(wrong, "unusable", said, advice=advice), *out], None
+    out.insert(0, _lattice(fit, name))
+    out.insert(1, _f_numbers(white, camera.with_lattice(fit.lattice), name))
+    return out, fit
+
+
+def _lattice(fit: LatticeFit, name: str) -> Finding:
+    words = (
+        f"{name} shows {fit.microlenses} microlenses, {fit.lattice.kind}, turned by {fit.rotation_deg:+.2f} degrees, "
+        f"{fit.residual_px:.3f} px off a regular lattice (RMS), {fit.worst_region_px:.3f} px in the worst region"
+    )
+    if fit.residual_px > RESIDUAL_PX or fit.worst_region_px > REGION_PX:
+        advice = "more light for the white image, clean the array; in one region alone: the array is distorted there"
+        return Finding("lattice-fit", "warning", words, fit.residual_px, "px", advice)
+    return Finding("lattice-fit", "good", words, fit.residual_px, "px")
+
+
+def _f_numbers(white: NDArray, camera: PlenopticCamera, name: str) -> Finding:
+    """Width of the micro-images against their pitch, and against what the stated aperture makes of it."""
+    width, pitch = 2 * aperture_disc(white, camera).radius_px, camera.image_pitch_px
+    ratio, stated = width / pitch, 2 * camera.aperture_radius_px / pitch
+    words = f"micro-images are {width:.2f} px wide and {pitch:.2f} px apart ({100 * ratio:.0f} %)"
+    lens = camera.main_lens
+    if abs(ratio - 1) > MATCHED:
+        effect = "overlap" if ratio > 1 else "leave dark pixels between them"
+        turn = "close" if ratio > 1 else "open"
+        number = lens.image_distance_mm / camera.matched_aperture_mm
+        words = f"f-numbers do not match: {words}, so they {effect}"
+        advice = (
+            f"{turn} the main lens to an aperture of {camera.matched_aperture_mm:.3g} mm, f/{number:.3g} on the image "
+            f"side, and record anew; to use what there is, set camera.main_lens.aperture_mm = "
+            f"{lens.aperture_mm * ratio / stated:.3g}"
+        )
+        return Finding("f-number", "warning", words, 100 * ratio, "% of the pitch", advice)
+    if abs(ratio / stated - 1) > STATED:
+        words = f"{words}, but the stated aperture of {lens.aperture_mm:.3g} mm makes them {stated * pitch:.2f} px wide"
+        advice = f"set camera.main_lens.aperture_mm = {lens.aperture_mm * ratio / stated:.3g} if the lens has it"
+        return Finding("stated-aperture", "warning", words, 100 * ratio / stated, "%", advice)
+    return Finding("f-number", "good", f"f-numbers match: {words}", 100 * ratio, "% of the pitch")
+
+
+def _light(white: NDArray, camera: PlenopticCamera, name: str) -> list[Finding]:
+    sensor = camera.sensor
+    saturated = float(np.mean(white >= sensor.full_scale))
+    level = float(np.percentile(white, 75) - sensor.black_level) / (sensor.full_scale - sensor.black_level)
+    words = f"lit pixels of {name} reach {100 * level:.0f} % of the sensor's range"
+    if saturated > SATURATED:
+        words = f"{name} is overexposed: {100 * saturated:.2g} % of the pixels are saturated"
+        advice = "record it with less light: micro-images lose their rims"
+        return [Finding("white-overexposed", "warning", words, 100 * saturated, "%", advice)]
+    if level < DARK:
+        advice = "record it with more light, or average several images: the lattice is found from it"
+        return [Finding("white-underexposed", "warning", f"{name} is underexposed: {words}", 100 * level, "%", advice)]
+    return [Finding("white-light", "good", words, 100 * level, "%")]

@@ -1,0 +1,121 @@
+"""``plenopiv views``, ``refocus``, ``check`` and ``preview``: look before computing."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from textwrap import wrap
+
+from plenopiv.cli.progress import Progress
+from plenopiv.cli.speech import Outcome, painted
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.experiment import Experiment
+
+FOLDER = "look"  # beside the experiment file
+PAINT = {"good": "green", "warning": "yellow", "unusable": "red"}
+LETTERS = 96  # in a line of words
+
+
+def views(file: Path, frame: str | None, across: int) -> Outcome:
+    """Draw a contact sheet of views of one frame.
+
+    Raises:
+        PlenoPIVError: the experiment file, its images or the frame's name are wrong.
+    """
+    experiment = Experiment.load(file)
+    from plenopiv.report.look import contact_sheet
+    from plenopiv.run import looking
+
+    lightfield, name = looking.light_field(experiment, frame)
+    seen = looking.views(lightfield, across)
+    sheet = contact_sheet(seen.pictures, seen.u_mm, seen.v_mm, seen.x_mm, seen.y_mm, name)
+    return _drawn(experiment, f"views-{Path(name).stem}.png", sheet)
+
+
+def refocus(file: Path, z_mm: Sequence[float], frame: str | None) -> Outcome:
+    """Draw one frame refocused at each depth, by default some spread over the volume.
+
+    Raises:
+        PlenoPIVError: as ``views`` does, or a depth is not in front of the main lens.
+    """
+    experiment = Experiment.load(file)
+    lens_z = experiment.camera().main_lens.object_distance_mm
+    if any(not z < lens_z for z in z_mm):
+        raise PlenoPIVError(f"--z: depths must be in front of the main lens, which is at z = {lens_z:.6g} mm")
+    from plenopiv.report.look import depth_strip
+    from plenopiv.run import looking
+
+    lightfield, name = looking.light_field(experiment, frame)
+    depths = list(z_mm) or looking.depths(experiment)
+    with Progress() as progress:
+        pictures, x, y = looking.focal_stack(lightfield, depths, progress)
+    return _drawn(experiment, f"refocus-{Path(name).stem}.png", depth_strip(pictures, depths, x, y, name))
+
+
+def check(file: Path) -> Outcome:
+    """Say whether a recording is good, and draw what was looked at; exit code 2 where it is of no use.
+
+    Raises:
+        PlenoPIVError: the experiment file or its images cannot be read.
+    """
+    experiment = Experiment.load(file)
+    recording = experiment.recording()
+    for line in experiment.warnings():
+        warnings.warn(line, PlenoPIVWarning, stacklevel=2)
+    from plenopiv.checks import check
+    from plenopiv.report.check import check_figure
+
+    with Progress() as progress:
+        found = check(
+            recording, experiment.camera(), experiment.grid(), experiment.correlation.settings(), progress=progress
+        )
+    drawn = _drawn(experiment, "check.png", check_figure(found))
+    lines = [line for finding in found.findings for line in _said(finding.severity, finding.words, finding.advice)]
+    bad = sum(finding.severity == "warning" for finding in found.findings)
+    verdict = "not usable as it is" if not found.usable else f"usable, {bad} to look at" if bad else "good"
+    text = "\n".join([*lines, "", f"{file}: {verdict}", drawn.text])
+    facts = {"usable": found.usable, "findings": [asdict(finding) for finding in found.findings], **drawn.facts}
+    return Outcome(text, facts, 0 if found.usable else 2)
+
+
+def preview(file: Path) -> Outcome:
+    """Measure the middle of a recording coarsely.
+
+    Raises:
+        PlenoPIVError: as ``plenopiv run`` does, or the volume leaves out the middle.
+    """
+    experiment = Experiment.load(file)
+    from plenopiv.run.preview import preview
+
+    with Progress() as progress:
+        result = preview(experiment, progress)
+    velocity, folder = result.velocity, result.directory
+    lines = []
+    for name, axis in zip("uvw", "xyz", strict=True):
+        low, middle, high = velocity[name].quantile([0.05, 0.5, 0.95]).values.tolist()
+        lines.append(f"{name}  {low:+.3g} to {high:+.3g} m/s along {axis}, median {middle:+.3g} (5 % to 95 %)")
+    share = 100 * result.summary["replaced_share"]
+    lines.append(f"{result.summary['vectors']} vectors of the middle, {share:.0f} % replaced; coarse: no measurement")
+    files = [folder / name for name in ("velocity.nc", "preview.png", "report.html")]
+    return Outcome("\n".join([*lines, *map(str, files)]), {"files": [str(path) for path in files]})
+
+
+def _said(severity: str, words: str, advice: str) -> list[str]:
+    first, *rest = wrap(words, LETTERS)
+    head = painted(f"{severity:<9}", PAINT[severity], sys.stdout)
+    lines = [f"{head} {first}", *(f"{'':<9} {line}" for line in rest)]
+    return lines + [f"{'':<9} {'->' if k == 0 else '  '} {line}" for k, line in enumerate(wrap(advice, LETTERS - 3))]
+
+
+def _drawn(experiment: Experiment, name: str, figure) -> Outcome:
+    """Save a figure beside the experiment file."""
+    from plenopiv.io.output import OutputFolder
+    from plenopiv.report.figures import png
+
+    folder = experiment.folder / FOLDER
+    with OutputFolder(folder, overwrite=True) as out:
+        out.path(name).write_bytes(png(figure))
+    return Outcome(str(folder / name), {"files": [str(folder / name)]})

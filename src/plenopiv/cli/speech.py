@@ -1,0 +1,96 @@
+"""How the program speaks: words for people, JSON lines for batch systems, colours on a terminal alone.
+
+With ``--json`` every line on stdout is one JSON object with the key ``event``:
+
+    progress  stage, done, total, elapsed_s, eta_s (null until it can be told); at most one a second and stage
+    note      message
+    warning   message
+    error     message, exit_code; the last line
+    result    command, text, and what the command adds (files, findings); the last line
+
+With ``--quiet`` progress and notes are left out; warnings, errors and the result stay. Both may stand anywhere.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, TextIO
+
+COLOURS = {"red": "31", "green": "32", "yellow": "33"}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command says when it has ended: its text, facts for programs, and the exit code."""
+
+    text: str
+    facts: dict[str, Any] = field(default_factory=dict)
+    exit_code: int = 0
+
+
+@dataclass
+class Speech:
+    """How this process speaks now."""
+
+    as_json: bool = False
+    quiet: bool = False
+
+    def begin(self, arguments: Sequence[str]) -> list[str]:
+        """Take ``--json``, ``--quiet`` and ``-q`` out of the arguments, up to ``--``, and keep to them."""
+        end = arguments.index("--") if "--" in arguments else len(arguments)
+        flags = [word for word in arguments[:end] if word in ("--json", "--quiet", "-q")]
+        self.as_json, self.quiet = "--json" in flags, "--quiet" in flags or "-q" in flags
+        return [word for word in arguments[:end] if word not in flags] + list(arguments[end:])
+
+    def event(self, kind: str, **facts: Any) -> None:
+        """One JSON line on stdout."""
+        print(json.dumps({"event": kind, **facts}, allow_nan=False), flush=True)
+
+    def note(self, message: str) -> None:
+        """What is good to know."""
+        if self.quiet:
+            return
+        if self.as_json:
+            self.event("note", message=message)
+        else:
+            print(f"plenopiv: {message}", file=sys.stderr, flush=True)
+
+    def warning(self, message: str) -> None:
+        """What the user should know, on one line."""
+        line = " ".join(message.split())
+        if self.as_json:
+            self.event("warning", message=line)
+        else:
+            print(f"plenopiv: {painted('warning:', 'yellow', sys.stderr)} {line}", file=sys.stderr)
+
+    def error(self, message: str, code: int) -> int:
+        """What went wrong, on one line; returns the exit code."""
+        line = " ".join(message.split())
+        if self.as_json:
+            self.event("error", message=line, exit_code=code)
+        else:
+            print(f"plenopiv: {painted('error:', 'red', sys.stderr)} {line}", file=sys.stderr)
+        return code
+
+    def result(self, command: str, outcome: Outcome | str) -> int:
+        """What a command found or wrote; returns the exit code."""
+        told = Outcome(outcome) if isinstance(outcome, str) else outcome
+        if self.as_json:
+            self.event("result", command=command, text=told.text, **told.facts)
+        else:
+            print(told.text)
+        return told.exit_code
+
+
+speech = Speech()
+
+
+def painted(text: str, colour: str, stream: TextIO) -> str:
+    """Coloured on a terminal that shows colours, plain elsewhere (https://no-color.org)."""
+    if not stream.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" or speech.as_json:
+        return text
+    return f"\x1b[{COLOURS[colour]}m{text}\x1b[0m"
