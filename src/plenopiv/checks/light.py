@@ -67,22 +67,26 @@ def light_of(lightfield: LightField, projector: Projector, counts_per_electron: 
     mean = float(values.mean(dtype=np.float64))
     one = particle * (share**2 @ squares) / (share @ total)  # variance over mean
     lowest = float(np.percentile(values, LOWEST)) + BELOW_MEAN * noise.dark
-    background = _background(lowest, mean, one)
+    background = _background(lowest, mean, one * mean)
+    if background < mean:  # whose light is no particles'
+        particle, one = (value * mean / (mean - background) for value in (particle, one))
     overlap = max(mean - background, 0.0) / one if one > 0 else 0.0
     return Light(
         particle * projector.light_in_focus, noise, mean, background, float(np.mean(values < -0.5)), float(overlap)
     )
 
 
-def _background(lowest: float, mean: float, one: float) -> float:
-    """Light that the darkest pixels hold beyond what particles strewn at random leave in them: counts of a pixel are
-    near a gamma distribution of ``mean`` and variance ``one`` times that."""
+def _background(lowest: float, mean: float, variance: float) -> float:
+    """Light that the darkest pixels hold beyond what particles strewn at random leave in them, whose counts are near a
+    gamma distribution of the same variance."""
     from scipy.stats import gamma
 
     background = 0.0
     for _ in range(30):
-        particles = max(mean - background, 0.0) / one if one > 0 else 0.0
-        expected = one * float(gamma.ppf(LOWEST / 100, particles)) if particles > 0 else 0.0
+        light = mean - background
+        if light <= 0 or variance <= 0:
+            break
+        expected = variance / light * float(gamma.ppf(LOWEST / 100, light**2 / variance))
         background = max(lowest - expected, 0.0)
     return background
 
