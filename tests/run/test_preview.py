@@ -44,6 +44,7 @@ def test_what_is_cropped_is_seen_by_every_view(experiment):
 def test_a_preview_that_cannot_be(experiment):
     tables = experiment.model_dump(by_alias=True, exclude_none=True)
     tables["volume"]["x_mm"] = [0.1, 0.7]
+    tables["correlation"]["windows"] = [[32, 32, 16]]
     with pytest.raises(PlenoPIVError, match="leaves out the optical axis"):
         preview(Experiment.from_dict(tables, experiment.path))
     (experiment.folder / "preview").mkdir()
