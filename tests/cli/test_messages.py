@@ -8,8 +8,9 @@ import warnings
 
 import pytest
 from small_recording import edit
+from typer.main import get_command
 
-from plenopiv.cli import main
+from plenopiv.cli import app, main
 from plenopiv.errors import PlenoPIVWarning
 
 
@@ -91,7 +92,7 @@ def test_termination_unwinds(monkeypatch):
     assert cleaned == [True]
 
 
-@pytest.mark.parametrize("command", [[], ["init"], ["simulate"], ["calibrate"], ["run"], ["info"], ["demo"]])
+@pytest.mark.parametrize("command", [[], *([name] for name in get_command(app).commands)])
 def test_help_teaches_by_example(command, capsys):
     assert main([*command, "--help"]) == 0
     assert f"plenopiv {' '.join(command)}" in capsys.readouterr().out.replace("Usage: plenopiv", "")
@@ -100,7 +101,7 @@ def test_help_teaches_by_example(command, capsys):
 HEAVY = ("numpy", "scipy", "numba", "xarray", "matplotlib", "dask", "tifffile", "h5netcdf", "rich")
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["--version"]])
+@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["check", "--help"], ["--version"]])
 def test_help_loads_nothing_heavy(arguments):
     program = (
         "import sys; from plenopiv.cli import main; code = main(sys.argv[1:]); "

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from plenopiv.calibration.micro_images import Disc, find_disc, inside, refine_disc
 from plenopiv.cameras.plenoptic import PlenopticCamera
 
-SAMPLE = 2000  # micro-images that are fitted
-ROUNDS = 8
+SAMPLE = 600  # micro-images that are fitted
+ROUNDS = 6
 
 
 def aperture_disc(white: NDArray, camera: PlenopticCamera) -> Disc:
@@ -30,7 +30,7 @@ def aperture_disc(white: NDArray, camera: PlenopticCamera) -> Disc:
     turned = pitch * exp(1j * lattice.rotation_rad)
     positions = positions[inside(image.shape, positions, Disc(lattice.kind, turned, 0.0, 0.0).half_window)]
     positions = positions[:: max(1, len(positions) // SAMPLE)]
-    disc = find_disc(image, positions[:: max(1, len(positions) // 200)], lattice.kind, turned)
+    disc = find_disc(image, positions[:: max(1, len(positions) // 60)], lattice.kind, turned)
     for _ in range(ROUNDS):
         disc = refine_disc(image, positions, disc)
     return disc

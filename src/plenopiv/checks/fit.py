@@ -24,7 +24,7 @@ from plenopiv.checks.findings import Finding
 BLOCK = 20.0  # pitches
 MOST_BLOCKS = 64
 FITS = 0.75  # agreement: above, the lattice is the frame's; one pixel of 14 off leaves 0.63
-CLEARLY = 0.85  # and of the orientation that is named instead
+CLEARLY = 0.92  # and of the orientation that is named instead
 MOVED_PX = 0.4  # median shift that is worth a warning; noise makes up to 0.1
 FEWEST = 0.02  # correlation coefficient at the highest place below which a frame shows no microlenses
 

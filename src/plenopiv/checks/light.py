@@ -21,7 +21,8 @@ FAINTEST = 4.0  # of its noise that a particle in focus gives a pixel; 80 electr
 LOWEST = 2.0  # per cent: the darkest pixels under microlenses
 BELOW_MEAN = 2.05  # standard deviations by which these lie below the mean of dark pixels (normal distribution)
 STRAY = 0.25  # background over what a particle in focus gives a pixel
-BELOW_BLACK = 0.65  # share of pixels below the black level; half of the dark ones are
+SUNK = 0.8  # median over RMS of values below the black level; of noise about it 0.67
+SUNK_COUNTS, SUNK_SHARE = 4.0, 0.01  # RMS and share of pixels from which that is judged
 OVERLAP = 4.5  # particles in a pixel's way; up to 3.0 (1 ppm, 20 mm deep) are measured well in docs/accuracy.md
 FEWEST_IN_WINDOW = 5.0
 
@@ -31,15 +32,15 @@ class Light:
     """What the pixels of one frame hold, in counts above the black level.
 
     ``particle``: of a typical particle in a pixel that it lights wholly in focus; ``noise`` of the pixels; ``mean``;
-    ``background``: of the darkest pixels; ``below`` share under the black level; ``overlap``: particles in a pixel,
-    from its mean and the variance that light makes of it, (sum w)^2 / sum w^2 of those in its way.
+    ``background``: of the darkest pixels; ``sunk``: how far these lie below a black level that is too high;
+    ``overlap``: particles in a pixel's way, its mean squared over the variance that their light makes.
     """
 
     particle: float
     noise: Noise
     mean: float
     background: float
-    below: float
+    sunk: float
     overlap: float
 
     @property
@@ -67,22 +68,33 @@ def light_of(lightfield: LightField, projector: Projector, counts_per_electron: 
     mean = float(values.mean(dtype=np.float64))
     one = particle * (share**2 @ squares) / (share @ total)  # variance over mean
     lowest = float(np.percentile(values, LOWEST)) + BELOW_MEAN * noise.dark
-    background = _background(lowest, mean, one)
+    background = _background(lowest, mean, one * mean)
+    if background < mean:  # whose light is no particles'
+        particle, one = (value * mean / (mean - background) for value in (particle, one))
     overlap = max(mean - background, 0.0) / one if one > 0 else 0.0
-    return Light(
-        particle * projector.light_in_focus, noise, mean, background, float(np.mean(values < -0.5)), float(overlap)
-    )
+    return Light(particle * projector.light_in_focus, noise, mean, background, _sunk(values), float(overlap))
 
 
-def _background(lowest: float, mean: float, one: float) -> float:
-    """Light that the darkest pixels hold beyond what particles strewn at random leave in them: counts of a pixel are
-    near a gamma distribution of ``mean`` and variance ``one`` times that."""
+def _sunk(values: NDArray[np.float32]) -> float:
+    """Counts by which dark pixels lie below the black level beyond noise about it, whose values thin out downward."""
+    below = -values[values < 0]
+    if below.size < SUNK_SHARE * values.size:
+        return 0.0
+    rms, median = float(np.sqrt(np.mean(below.astype(np.float64) ** 2))), float(np.median(below))
+    return median if rms > SUNK_COUNTS and median > SUNK * rms else 0.0
+
+
+def _background(lowest: float, mean: float, variance: float) -> float:
+    """Light that the darkest pixels hold beyond what particles strewn at random leave in them, whose counts are near a
+    gamma distribution of the same variance."""
     from scipy.stats import gamma
 
     background = 0.0
     for _ in range(30):
-        particles = max(mean - background, 0.0) / one if one > 0 else 0.0
-        expected = one * float(gamma.ppf(LOWEST / 100, particles)) if particles > 0 else 0.0
+        light = mean - background
+        if light <= 0 or variance <= 0:
+            break
+        expected = variance / light * float(gamma.ppf(LOWEST / 100, light**2 / variance))
         background = max(lowest - expected, 0.0)
     return background
 
@@ -105,10 +117,10 @@ def exposure(counts: NDArray, sensor: Sensor, found: Light, name: str) -> list[F
     else:
         words = f"a particle in focus gives a pixel of {name} {found.particle:.0f} counts, {found.clearness:.0f} times "
         out.append(Finding("signal", "good", words + "the noise", found.clearness, "noise"))
-    if found.below > BELOW_BLACK:
-        words = f"{100 * found.below:.0f} % of the pixels of {name} lie below black_level = {sensor.black_level:g}"
+    if found.sunk > 0:
+        words = f"dark pixels of {name} lie {found.sunk:.0f} counts below black_level = {sensor.black_level:g}"
         advice = "set camera.sensor.black_level to the mean count with the lens cap on"
-        out.append(Finding("black-level", "warning", words, 100 * found.below, "%", advice))
+        out.append(Finding("black-level", "warning", words, found.sunk, "counts", advice))
     elif found.particle > 0 and found.background > STRAY * found.particle and found.overlap < OVERLAP:
         words = f"the darkest pixels of {name} hold {found.background:.0f} counts above the black level"
         advice = "stray light, or camera.sensor.black_level is too low: take an image with the lens cap on"

@@ -2,7 +2,9 @@
 
 Refocused pictures through depth (``refocusing``) are a blurred volume: a particle is sharp at its own depth. Those of
 two frames, without what is blurred, are correlated in three dimensions in a few large windows; displacements come out
-to a fraction of a microlens, enough to choose windows and dt. In turbulent flow it is a mean over each window.
+to a fraction of a microlens, enough to choose windows and dt. In turbulent flow it is a mean over each window. Along z
+it is too small where particles hardly move across: pictures repeat the microlenses, which stand still (of 2.3 voxels
+along z alone 0.6 are seen, of 3.2 with 3.2 across 2.8).
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from plenopiv.refocusing import image_axes, refocused
 STEPS = 2  # pictures' pixels per microlens
 PLANES = 24  # at most
 WINDOW = 14  # microlenses
-CLEAR = 0.12  # correlation coefficient of a peak that is believed
+CLEAR = 0.25  # correlation coefficient of a peak that is believed; frames of two flows reach 0.16
 SLOW = 0.7  # microlenses: what is more blurred is left out
 REACH = 1.5  # dead zones within which planes count less, as in the correlation of volumes
 EVERY = 3  # of the views; neighbours see nearly the same
@@ -79,7 +81,8 @@ def _moved(a: NDArray, b: NDArray) -> tuple[NDArray[np.float64], float]:
     """Displacement along the three axes from a to b, in cells to a fraction, and its correlation coefficient."""
     shape = [2 * n for n in a.shape]
     a, b = a - a.mean((1, 2), keepdims=True), b - b.mean((1, 2), keepdims=True)
-    product = np.fft.irfftn(np.conj(np.fft.rfftn(a, shape)) * np.fft.rfftn(b, shape), shape)
+    axes = (0, 1, 2)
+    product = np.fft.irfftn(np.conj(np.fft.rfftn(a, shape, axes)) * np.fft.rfftn(b, shape, axes), shape, axes)
     product /= np.sqrt(np.sum(a**2) * np.sum(b**2)) or 1.0
     reach = [n // 2 for n in a.shape]
     near = product[np.ix_(*(np.arange(-n, n + 1) for n in reach))]

@@ -79,7 +79,8 @@ def _counts(axes: Axes, found: Checked) -> None:
     axes.axvline(sensor.full_scale, color=RED, linewidth=0.8, linestyle=":", label="full scale")
     axes.set(xlabel="counts", ylabel="pixels", title="exposure")
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, fontsize=8, loc="upper center")
+    axes.set_ylim(0.5, 300 * axes.get_ylim()[1])  # room for the legend
+    axes.legend(frameon=False, fontsize=8, loc="upper center", ncols=2)
 
 
 def _moves(axes: Axes, found: Checked) -> None:

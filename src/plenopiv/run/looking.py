@@ -16,6 +16,7 @@ from plenopiv.refocusing import image_axes, refocused, sub_aperture
 from plenopiv.run.frames import Progress, calibrated_camera
 
 RIM = 0.87  # of the aperture's radius: further out a pixel is lit under some microlenses alone
+HOLES = 0.15  # share of a picture without light, above which a view at the rim is left out
 DEPTHS = 6  # where none are asked for
 
 
@@ -68,11 +69,18 @@ def views(lightfield: LightField, across: int) -> Views:
     picked = np.unique(np.rint(np.linspace(-reach, reach, min(across, 2 * reach + 1))).astype(int))
     number = {(int(m), int(n)): k for k, (m, n) in enumerate(where.offsets)}
     x, y = image_axes(camera)
-    seen = [
-        [sub_aperture(lightfield, number[m, n], x, y) if (m, n) in number else None for m in picked.tolist()]
-        for n in picked.tolist()
-    ]
-    return Views(seen, picked * camera.portion_mm, -picked * camera.portion_mm, x, y)
+
+    def seen(m: int, n: int) -> NDArray[np.float32] | None:
+        picture = sub_aperture(lightfield, number[m, n], x, y) if (m, n) in number else None
+        return None if picture is None or np.isnan(picture).mean() > HOLES else picture
+
+    return Views(
+        [[seen(m, n) for m in picked.tolist()] for n in picked.tolist()],
+        picked * camera.portion_mm,
+        -picked * camera.portion_mm,
+        x,
+        y,
+    )
 
 
 def focal_stack(

@@ -1,0 +1,214 @@
+"""One test for each fault that a check must name."""
+
+import numpy as np
+import pytest
+import tifffile
+from recordings import camera, copied, edited, looked_at, record, wrong
+
+from plenopiv.checks.fit import TURNS, fit, judged
+from plenopiv.checks.stamps import in_order, stamp
+from plenopiv.simulation.sensor_noise import SensorNoise, digitise
+from plenopiv.simulation.white import white_image
+
+
+def white_of(of, seed=5):
+    return digitise(white_image(of, 3000.0), of.sensor, SensorNoise(), np.random.default_rng(seed))
+
+
+def test_wrong_lattice_type(recorded):
+    found = looked_at(recorded(), camera__microlens_array__lattice="square")
+    assert not found.usable
+    assert "shows a hexagonal lattice" in wrong(found)["lattice-type"].words
+    assert 'set it to "hexagonal"' in wrong(found)["lattice-type"].advice
+
+
+@pytest.mark.parametrize(("aperture", "effect", "advice"), [(0.85, "dark pixels", "open"), (1.15, "overlap", "close")])
+@pytest.mark.parametrize("stated", [True, False])
+def test_f_number_mismatch(recording, aperture, effect, advice, stated):
+    """Measured in the white image, whether the experiment file knows of it or not."""
+    edited(recording, "white", lambda image: white_of(camera(aperture=aperture)))
+    changes = {"camera__main_lens__aperture_mm": 25.0 * aperture} if stated else {}
+    fault = wrong(looked_at(recording, **changes))["f-number"]
+    assert "f-numbers do not match" in fault.words
+    assert effect in fault.words
+    assert fault.number == pytest.approx(100 * aperture, abs=1.0)
+    assert fault.advice.startswith(advice)
+    assert float(fault.advice.rpartition("= ")[2]) == pytest.approx(25 * aperture, rel=0.01)
+
+
+def test_an_aperture_that_is_not_the_stated_one(recorded):
+    fault = wrong(looked_at(recorded(), camera__main_lens__aperture_mm=20.0))["stated-aperture"]
+    assert "aperture_mm = 25" in fault.advice
+
+
+def test_overexposed(tmp_path):
+    found = looked_at(record(tmp_path / "r", electrons_per_pixel=8000.0))
+    assert wrong(found)["overexposed"].severity == "unusable"
+    assert "at full scale" in wrong(found)["overexposed"].words
+
+
+def test_cut_off_below_full_scale(recording):
+    edited(recording, "a", lambda image: np.minimum(image * 8, 3500))
+    edited(recording, "b", lambda image: np.minimum(image * 8, 3500))
+    assert "3500 counts, below full scale of 4095" in wrong(looked_at(recording))["overexposed"].words
+
+
+@pytest.mark.parametrize(("electrons", "severity"), [(15.0, "warning"), (6.0, "unusable")])
+def test_underexposed(tmp_path, electrons, severity):
+    fault = wrong(looked_at(record(tmp_path / "r", electrons_per_pixel=electrons)))["underexposed"]
+    assert fault.severity == severity
+    assert "more light" in fault.advice
+
+
+def test_frames_without_particles(recording):
+    rng = np.random.default_rng(0)
+    for name in "ab":
+        edited(recording, name, lambda image: np.rint(rng.normal(62, 1.5, image.shape)))
+    found = looked_at(recording)
+    assert not found.usable
+    assert {"underexposed", "white-fits-frames"} <= wrong(found).keys()
+    assert "shows no microlenses" in wrong(found)["white-fits-frames"].words
+
+
+def test_too_dense(tmp_path):
+    found = looked_at(record(tmp_path / "r", particles_per_microlens=7.0, electrons_per_pixel=150.0))
+    assert wrong(found).keys() == {"too-dense"}
+    assert found.light.ppm == pytest.approx(7.0, rel=0.25)
+
+
+def test_too_thin(tmp_path):
+    assert "too-thin" in wrong(looked_at(record(tmp_path / "r", particles_per_microlens=0.08)))
+
+
+def test_stray_light_and_a_wrong_black_level(recording):
+    for name in "ab":
+        edited(recording, name, lambda image: image + 80)
+    assert wrong(looked_at(recording))["background"].number == pytest.approx(82, rel=0.2)
+    found = looked_at(recording, camera__sensor__black_level=260.0)
+    assert "black-level" in wrong(found)
+
+
+FLIPS = {
+    "turned by 180 degrees": lambda image: image[::-1, ::-1],
+    "mirrored left to right": lambda image: image[:, ::-1],
+    "mirrored top to bottom": lambda image: image[::-1],
+}
+
+
+@pytest.mark.parametrize("way", FLIPS)
+@pytest.mark.parametrize("which", ["white", "frames", "one frame"])
+def test_white_image_and_frames_flipped_against_each_other(recording, way, which):
+    for name in {"white": ["white"], "frames": ["a", "b"], "one frame": ["b"]}[which]:
+        edited(recording, name, FLIPS[way])
+    fault = wrong(looked_at(recording))["flipped"]
+    assert fault.severity == "unusable"
+    assert way in fault.words
+    assert ("a.tif" in fault.words) == (which != "one frame")
+
+
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+@pytest.mark.parametrize("way", TURNS)
+def test_turns_of_a_square_sensor(recorded, kind, way):
+    """By 90 degrees as well; on the common square of a sensor."""
+    folder = recorded(kind)
+    frame, white = (tifffile.imread(folder / f"{name}.tif")[:364, :364] - 60.0 for name in ("a", "white"))
+    turned = TURNS[way](white)
+    back = {"turned by 90 degrees clockwise": "turned by 90 degrees counter-clockwise"}
+    back |= {other: one for one, other in back.items()}
+    found = judged(fit(frame, turned, 14.04), "a.tif")
+    if way == "as it is":
+        assert found.severity == "good"
+    else:
+        assert back.get(way, way) in found.words
+
+
+@pytest.mark.parametrize(
+    "other", [camera(rotation_rad=0.021, offset_mm=(-0.03, 0.005)), camera(rotation_rad=0.004, offset_mm=(0.03, 0.0))]
+)
+def test_white_image_of_another_camera(recording, other):
+    edited(recording, "white", lambda image: white_of(other))
+    found = wrong(looked_at(recording))
+    assert found.keys() == {"other-camera"}
+    fault = found["other-camera"]
+    assert fault.severity == "unusable"
+    assert "another camera's" in fault.words
+    assert fault.number > 2.0
+
+
+def test_white_image_of_a_camera_with_another_array(recording):
+    edited(recording, "white", lambda image: white_of(camera(pmr=12.0)))
+    fault = wrong(looked_at(recording))["no-lattice"]
+    assert "microlenses 66.0" in fault.words
+
+
+def test_a_lens_that_moved_a_little(recording):
+    edited(recording, "white", lambda image: white_of(camera(offset_mm=(0.011 + 0.6 * 0.0055, -0.023))))
+    assert wrong(looked_at(recording))["white-moved"].number == pytest.approx(0.6, abs=0.2)
+
+
+def test_cameras_that_files_name(recording):
+    model = [(272, "s", 0, "Kestrel 29\x1b[31m", True)]
+    edited(recording, "a", lambda image: image, extratags=model)
+    edited(recording, "white", lambda image: image, extratags=[(272, "s", 0, "Merlin 4", True)])
+    words = wrong(looked_at(recording))["other-camera"].words
+    assert "camera model 'Merlin 4'" in words
+    assert "'Kestrel 29[31m'" in words  # nothing that a terminal would obey
+
+
+def test_frames_out_of_order(recording):
+    edited(recording, "a", lambda image: image, datetime="2026:03:02 10:00:01")
+    edited(recording, "b", lambda image: image, datetime="2026:03:02 10:00:00")
+    found = looked_at(recording)
+    assert not found.usable
+    assert "b.tif was taken 1 s before a.tif" in wrong(found)["out-of-order"].words
+    assert wrong(looked_at(recording, recording__frames=["b.tif", "a.tif"])) == {}
+
+
+def test_times_that_contradict_dt(tmp_path):
+    marks = []
+    for k, below in enumerate(("000000", "000500", "010500")):
+        path = tmp_path / f"{k}.tif"
+        image = np.arange(400, dtype=np.uint16).reshape(20, 20)
+        tags = [(37520, "s", 0, below, True)]
+        tifffile.imwrite(path, image, datetime="2026:03:02 10:00:00", extratags=tags)
+        marks.append((path.name, stamp(path)))
+    assert in_order(marks[:2], 0.0005).severity == "good"
+    assert in_order(marks[:2], 0.001).name == "uneven-times"
+    assert "0.0005 to 0.01 s apart" in in_order(marks, 0.0005).words
+    assert in_order(marks[:1], 0.0005).severity == "good"
+
+
+def test_a_white_image_too_dark_and_too_bright(recording, tmp_path):
+    bright = copied(recording, tmp_path / "bright")
+    edited(recording, "white", lambda image: 60 + (image - 60.0) / 40)
+    assert "white-underexposed" in wrong(looked_at(recording))
+    edited(bright, "white", lambda image: np.minimum(60 + (image - 60.0) * 2, 4095))
+    assert "white-overexposed" in wrong(looked_at(bright))
+
+
+def test_displacements_beyond_the_search_range(recorded):
+    fault = wrong(looked_at(recorded(), correlation__windows=[[32, 32, 16], [16, 16, 16]], correlation__search=0.06))
+    assert "larger first windows" in fault["displacement-too-large"].advice
+
+
+def test_frames_of_two_flows(recording):
+    folder = record(recording.parent / "other", seed=4)
+    edited(recording, "b", lambda image: tifffile.imread(folder / "b.tif"))
+    fault = wrong(looked_at(recording))
+    assert "no common displacement" in fault["displacement"].words
+
+
+def test_without_a_white_image(recording):
+    lattice = {"camera__microlens_array__rotation_deg": 0.2292, "camera__microlens_array__offset_mm": [0.011, -0.023]}
+    (recording / "white.tif").unlink()
+    text = (recording / "experiment.toml").read_text()
+    lines = [line for line in text.splitlines() if not line.startswith("white =")]
+    stated = [
+        f"{line}\nrotation_deg = 0.2292\noffset_mm = [0.011, -0.023]" if line.startswith("pitch_mm") else line
+        for line in lines
+    ]
+    (recording / "experiment.toml").write_text("\n".join(stated))
+    found = looked_at(recording, **lattice)
+    assert wrong(found) == {}
+    assert found.fit is None
+    assert found.light.ppm == pytest.approx(1.0, rel=0.2)

@@ -1,0 +1,157 @@
+"""check, views and refocus, and how the program speaks to programs."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import tifffile
+from small_recording import edit
+from test_work import SIMULATION
+
+from plenopiv.cli import main
+from plenopiv.cli import progress as progress_module
+from plenopiv.cli.speech import painted, speech
+
+LATTICE = "rotation_deg = 0.4\noffset_mm = [0.01, 0.02]\npitch_mm = 0.077 "
+
+
+@pytest.fixture
+def made(folder, tmp_path, capsys):
+    """A small synthetic recording's experiment file."""
+    file = folder / "experiment.toml"
+    file.write_text(file.read_text() + SIMULATION.replace("= 0.1\n", "= 1.0\n").replace("rays = 200", "rays = 1000"))
+    edit(folder, "pitch_mm = 0.077 ", LATTICE)
+    assert main(["simulate", str(file), str(tmp_path / "made")]) == 0
+    capsys.readouterr()
+    return tmp_path / "made" / "experiment.toml"
+
+
+@pytest.fixture(autouse=True)
+def words_again():
+    yield
+    speech.begin([])
+
+
+def events(text):
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def is_picture(path):
+    return path.read_bytes().startswith(b"\x89PNG") and path.stat().st_size > 10_000
+
+
+def test_check_says_good_and_draws(made, capsys):
+    assert main(["check", str(made)]) == 0
+    out = capsys.readouterr().out
+    assert "f-numbers match" in out
+    assert "\x1b" not in out
+    assert is_picture(made.parent / "look" / "check.png")
+
+
+def test_check_as_json_of_a_spoilt_recording(made, capsys):
+    white = made.parent / "white.tif"
+    tifffile.imwrite(white, np.ascontiguousarray(tifffile.imread(white)[:, ::-1]))
+    assert main(["check", str(made), "--json"]) == 2
+    out, err = capsys.readouterr()
+    assert err == ""
+    *before, last = events(out)
+    assert {event["event"] for event in before} <= {"progress", "warning", "note"}
+    stages = [event["stage"] for event in before if event["event"] == "progress"]
+    assert "white image" in stages
+    assert (last["event"], last["command"], last["usable"]) == ("result", "check", False)
+    flipped = [finding for finding in last["findings"] if finding["name"] == "flipped"]
+    assert "mirrored left to right" in flipped[0]["words"]
+    assert is_picture(made.parent / "look" / "check.png")
+
+
+def test_views_and_refocus_draw(made, capsys, one_line):
+    assert main(["views", str(made), "b.tif", "--across", "3"]) == 0
+    assert is_picture(made.parent / "look" / "views-b.png")
+    assert main(["--quiet", "refocus", str(made), "2", "--z", "-1", "--z", "0.5"]) == 0
+    assert is_picture(made.parent / "look" / "refocus-b.png")
+    assert capsys.readouterr().out.splitlines()[-1].endswith("refocus-b.png")
+    assert "is no frame of this recording; give a name (a.tif, b.tif)" in one_line("views", made, "c.tif")
+    assert "main lens, which is at z = 100 mm" in one_line("refocus", made, "--z", "120")
+
+
+def test_errors_and_results_as_json(tmp_path, capsys):
+    assert main(["info", str(tmp_path / "none.toml"), "--json"]) == 2
+    (event,) = events(capsys.readouterr().out)
+    assert event["event"] == "error"
+    assert event["exit_code"] == 2
+    assert "no such file" in event["message"]
+    assert main(["--json", "rn"]) == 2
+    assert "No such command" in events(capsys.readouterr().out)[0]["message"]
+    image = tmp_path / "a.tif"
+    tifffile.imwrite(image, np.arange(400, dtype=np.uint16).reshape(20, 20))
+    assert main(["info", "--json", str(image)]) == 0
+    (event,) = events(capsys.readouterr().out)
+    assert (event["event"], event["command"]) == ("result", "info")
+    assert main(["info", str(image)]) == 0
+    assert capsys.readouterr().out.startswith("size ")
+
+
+def test_flags_after_two_dashes_are_left_alone():
+    assert speech.begin(["run", "--json", "--", "-q"]) == ["run", "--", "-q"]
+    assert (speech.as_json, speech.quiet) == (True, False)
+
+
+def fed(monkeypatch, times, stages):
+    clock = iter(times)
+    monkeypatch.setattr(progress_module, "perf_counter", lambda: next(clock))
+    with progress_module.Progress() as progress:
+        for stage in stages:
+            progress(*stage)
+
+
+STAGES = [("tracing", 0, 10), ("tracing", 5, 10), ("tracing", 6, 10), ("tracing", 10, 10)]
+
+
+def test_progress_tells_what_is_left(monkeypatch, capsys):
+    fed(monkeypatch, [0, 0, 0, 40, 41, 80], STAGES)
+    assert capsys.readouterr().err.splitlines() == [
+        "plenopiv: tracing: 50 %, about 40 s left",
+        "plenopiv: tracing: 80.0 s",
+    ]
+
+
+def test_progress_as_json_is_thinned(monkeypatch, capsys):
+    speech.begin(["--json"])
+    fed(monkeypatch, [0, 0, 0, 4, 4.2, 8], STAGES)
+    said = events(capsys.readouterr().out)
+    assert [(event["done"], event["eta_s"]) for event in said] == [(0, None), (5, 4.0), (10, 0.0)]
+
+
+def test_quiet_leaves_progress_and_notes_out(monkeypatch, capsys):
+    speech.begin(["-q"])
+    fed(monkeypatch, [0, 0, 0, 40, 41, 80], STAGES)
+    speech.note("memory: about 1 GB")
+    assert capsys.readouterr() == ("", "")
+    speech.warning("f-numbers\ndo not match")
+    assert capsys.readouterr().err == "plenopiv: warning: f-numbers do not match\n"
+
+
+class Terminal:
+    def __init__(self, is_one):
+        self.isatty = lambda: is_one
+
+
+def test_colours_on_a_terminal_alone(monkeypatch):
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    assert painted("good", "green", Terminal(True)) == "\x1b[32mgood\x1b[0m"
+    assert painted("good", "green", Terminal(False)) == "good"
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert painted("good", "green", Terminal(True)) == "good"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="bash")
+def test_bash_completes_commands():
+    program = "from plenopiv.cli import main; main()"
+    environment = {"_PLENOPIV_COMPLETE": "complete_bash", "COMP_WORDS": "plenopiv re", "COMP_CWORD": "1"}
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, env=environment, check=False
+    )
+    assert ended.stdout.split() == ["refocus"]

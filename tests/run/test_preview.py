@@ -1,0 +1,54 @@
+"""A preview: the right velocities from the middle of the field, beside results that it does not touch."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from conftest import VELOCITY_M_S
+
+from plenopiv.errors import PlenoPIVError
+from plenopiv.experiment import Experiment
+from plenopiv.run.preview import cropped, preview
+
+
+def test_a_preview_measures_the_middle_and_leaves_results_alone(experiment):
+    results = experiment.output_directory
+    results.mkdir()
+    (results / "velocity.nc").write_bytes(b"mine")
+    found = preview(experiment)
+    assert [path.name for path in results.iterdir()] == ["velocity.nc"]
+    assert (results / "velocity.nc").read_bytes() == b"mine"
+    folder = experiment.folder / "preview"
+    assert found.directory == folder
+    assert (folder / "preview.png").read_bytes().startswith(b"\x89PNG")
+    with xr.open_dataset(folder / "velocity.nc", engine="h5netcdf") as stored:
+        measured = [float(stored[name].median()) for name in "uvw"]
+    voxel_m_s = np.array([36 / 2100, 36 / 2100, 0.077]) * 1e-3 / 0.0005
+    assert (np.array(measured) - VELOCITY_M_S) / voxel_m_s == pytest.approx([0, 0, 0], abs=0.4)
+    again = Experiment.load(folder / "experiment.toml")  # a recording of its own
+    assert len(again.recording()) == 2
+    assert again.recording().white().shape == (again.camera().sensor.rows, again.camera().sensor.columns)
+    assert not [path for path in experiment.folder.iterdir() if path.name.startswith(".preview-")]
+
+
+def test_what_is_cropped_is_seen_by_every_view(experiment):
+    part, tables = cropped(experiment)
+    sensor = experiment.camera().sensor
+    assert part.columns < sensor.columns
+    assert (sensor.columns - part.columns) % 2 == (sensor.rows - part.rows) % 2 == 0  # the axis stays where it was
+    small = Experiment.from_dict(tables, experiment.path)
+    assert small.warnings() == []
+    assert small.grid().size < experiment.grid().size / 3
+    assert all(s <= w for s, w in zip(small.correlation.windows[0], experiment.correlation.windows[0], strict=True))
+
+
+def test_a_preview_that_cannot_be(experiment):
+    tables = experiment.model_dump(by_alias=True, exclude_none=True)
+    tables["volume"]["x_mm"] = [0.1, 0.7]
+    tables["correlation"]["windows"] = [[32, 32, 16]]
+    with pytest.raises(PlenoPIVError, match="leaves out the optical axis"):
+        preview(Experiment.from_dict(tables, experiment.path))
+    (experiment.folder / "preview").mkdir()
+    (experiment.folder / "preview" / "notes.txt").write_text("mine")
+    with pytest.raises(PlenoPIVError, match="holds something else than a preview"):
+        preview(experiment)
+    assert (experiment.folder / "preview" / "notes.txt").read_text() == "mine"
