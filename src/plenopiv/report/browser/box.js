@@ -1,13 +1,13 @@
 // The box around the volume with ticks in mm, drawn over the scene.
 
-function boxAround(context, limits, onPage, turn) {
+function boxAround(context, limits, onPage, eye) {
   const { ink, soft } = palette();
   const corner = (bits) => limits.map((limit, d) => limit[bits[d]]);
-  const nearest = [0, 1, 2].map((d) => (turn[2][d] > 0 ? 1 : 0)); // of two parallel faces, the one toward the eye
+  const seen = limits.map(([low, high], d) => (eye[d] > high ? 1 : eye[d] < low ? 0 : null)); // which face, if any
   context.lineWidth = 1;
   for (let d = 0; d < 3; d++) for (const [p, q] of [[0, 0], [0, 1], [1, 0], [1, 1]]) {
     const bits = edge(d, p, q), others = [0, 1, 2].filter((n) => n !== d);
-    if (others.every((n) => bits[n] === nearest[n])) continue; // it would lie across what is inside
+    if (others.every((n) => bits[n] === seen[n])) continue; // it would lie across what is inside
     const ends = [0, 1].map((end) => onPage(corner(bits.map((b, n) => (n === d ? end : b)))));
     context.strokeStyle = soft;
     context.globalAlpha = 0.6;
@@ -19,20 +19,21 @@ function boxAround(context, limits, onPage, turn) {
   context.textAlign = "center";
   const middle = onPage(limits.map(([a, b]) => (a + b) / 2));
   const written = [];
-  const write = (text, [x, y]) => {
-    const wide = context.measureText(text).width / 2 + 3;
+  const write = (text, [left, y]) => {
+    const wide = context.measureText(text).width / 2 + 3, x = Math.max(left, wide);
     if (written.some((w) => Math.abs(w.x - x) < w.wide + wide && Math.abs(w.y - y) < 15)) return;
     written.push({ x, y, wide });
     context.fillText(text, x, y);
   };
   for (let d = 0; d < 3; d++) {
-    const [a, b] = silhouette(d, limits, onPage, middle, nearest);
+    const [a, b] = outline(d, limits, onPage, seen);
+    if (!a) continue; // seen end on
     const out = outward(a, b, middle), length = Math.hypot(b[0] - a[0], b[1] - a[1]);
-    if (length < 30) continue; // seen end on
+    if (length < 30) continue;
     const moved = (share, away) => [0, 1].map((i) => a[i] + share * (b[i] - a[i]) + away * out[i]);
-    write(`${"xyz"[d]} (mm)`, moved(0.5, 38));
+    write(`${"xyz"[d]} (mm)`, moved(0.5, 34 + 18 * Math.abs(out[0])));
     const [low, high] = limits[d];
-    for (const value of ticks(low, high, length / 60)) {
+    for (const value of ticks(low, high, length / 45)) {
       const share = (value - low) / (high - low);
       line(context, ...moved(share, 0), ...moved(share, 5));
       write(shown(value), moved(share, 16));
@@ -46,15 +47,15 @@ function edge(d, p, q) {
   return bits;
 }
 
-// Of the four edges along axis d the outermost one below (left, for y): nothing of the volume is drawn beyond it.
-function silhouette(d, limits, onPage, middle, nearest) {
-  let best = null;
+// Of the edges along axis d on the outline the lowest one (the leftmost, for y): nothing is drawn beyond it.
+function outline(d, limits, onPage, seen) {
+  let best = {};
   for (const [p, q] of [[0, 0], [0, 1], [1, 0], [1, 1]]) {
     const bits = edge(d, p, q), others = [0, 1, 2].filter((n) => n !== d);
-    if (others.filter((n) => bits[n] === nearest[n]).length !== 1) continue; // on the outline: one face seen, one not
+    if (others.filter((n) => bits[n] === seen[n]).length !== 1) continue; // on the outline: one face seen, one not
     const [a, b] = [0, 1].map((end) => onPage(limits.map((limit, n) => limit[n === d ? end : bits[n]])));
     const score = d === 1 ? -(a[0] + b[0]) : a[1] + b[1];
-    if (!best || score > best.score) best = { a, b, score };
+    if (!(score <= best.score)) best = { a, b, score };
   }
   return [best.a, best.b];
 }

@@ -105,7 +105,8 @@ function startScene(root, field) {
       const h = [0, 1, 3].map((r) => view[r] * p[0] + view[4 + r] * p[1] + view[8 + r] * p[2] + view[12 + r]);
       return [((h[0] / h[2] + 1) / 2) * width, ((1 - h[1] / h[2]) / 2) * height];
     };
-    boxAround(page.context, limits, onPage, turn);
+    const eye = middle.map((c, d) => c + EYE * half * turn[2][d]);
+    boxAround(page.context, limits, onPage, eye);
     const colour = colouring();
     colourBar(page.context, { left: width - 108, width: 0, top: 24, height: height - 60 }, colour.map, colour.bar, colour.label);
   }
@@ -198,7 +199,8 @@ function turned({ yaw, pitch }) {
 function projected(turn, middle, half, aspect, zoom, room) {
   const near = EYE - 1.4, far = EYE + 1.4;
   const wide = Math.min(1, aspect * room); // the volume must fit into the narrower of width and height
-  const f = 1.12 * Math.sqrt(EYE * EYE - 1) * zoom * wide;
+  const fill = aspect * room > 1.1 ? 1.12 : 0.86; // corners may leave the circle, labels may not leave the page
+  const f = fill * Math.sqrt(EYE * EYE - 1) * zoom * wide;
   const rows = turn.map((row) => [...row.map((c) => c / half), -row.reduce((sum, c, i) => sum + (c * middle[i]) / half, 0)]);
   const depth = rows[2].map((c, i) => (i === 3 ? EYE - c : -c)); // distance from the eye
   const x = rows[0].map((c, i) => (f / aspect) * c - (1 - room) * depth[i]);
