@@ -1,8 +1,9 @@
 """The paper's section 4 (Fig. 10): DNS, LF-PIV and Tomo-PIV of one jet:  comparison.py [full | reduced | tiny]
 
-Three measurements (``comparison_settings``), each in a process of its own: LF-PIV, Tomo-PIV at the paper's settings,
-and Tomo-PIV of the light field's particles in windows of the same size. Writes results/comparison.json, its table
-results/comparison.md, and figures to docs/images/paper; fields, with the DNS beside them, to build/comparison.
+Four measurements (``comparison_settings``), each in a process of its own: LF-PIV; exact volumes in place of its
+reconstructed ones, which shows what its windows resolve; Tomo-PIV at the paper's settings; Tomo-PIV of the light
+field's particles in windows of the same size. Writes results/comparison.json, its table results/comparison.md, and
+figures to docs/images/paper; fields, with the DNS beside them, to build/comparison.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from plenopiv.simulation.flows import flow
 ROOT = Path(__file__).parents[1]
 TITLES = {
     "light_field": "LF-PIV",
+    "exact": "exact volumes, LF's windows",
     "tomo": "Tomo-PIV, the paper's",
     "matched": "Tomo-PIV, LF's particles and windows",
 }
@@ -44,6 +46,8 @@ def measured(name: str, setting: Comparison) -> Measured:
     jet = flow("jet", at_mm=setting.jet_at_mm)
     if name == "light_field":
         return lightfield_case.measure_light_field(setting.light_field, jet, SEED)
+    if name == "exact":
+        return lightfield_case.measure_exact(setting.light_field, jet, SEED)
     if name == "tomo":
         return tomo_case.measure_tomo(setting.tomo, jet, seed=SEED)
     return tomo_case.measure_tomo(setting.matched, jet, lightfield_case.seeded(setting.light_field, jet, SEED), SEED)

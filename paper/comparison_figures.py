@@ -21,9 +21,15 @@ from plenopiv.report.figures import BLUE, GREEN, ORANGE, STYLE
 from plenopiv.simulation.flows import flow
 
 Array = NDArray[np.float64]
-SHORT = {"light_field": "LF-PIV", "tomo": "Tomo-PIV, the paper's", "matched": "Tomo-PIV, matched"}
+SHORT = {
+    "light_field": "LF-PIV",
+    "exact": "exact volumes",
+    "tomo": "Tomo-PIV, the paper's",
+    "matched": "Tomo-PIV, matched",
+}
+GREY = "#8794a1"
 IN_WINDOWS = "DNS in LF-PIV's windows"
-COLOURS = {"light_field": BLUE, "tomo": ORANGE, "matched": GREEN}
+COLOURS = {"light_field": BLUE, "exact": GREY, "tomo": ORANGE, "matched": GREEN}
 SLICE_Z_MM = 1.5  # of the x-y plane: near focus, out of the zone without depth
 SLICE_JET_Y_MM = 1.0  # of the x-z plane, from the jet's axis
 FINE_MM = 0.15  # spacing at which the DNS is drawn
@@ -103,7 +109,7 @@ def errors(results: dict[str, Any]) -> Figure:
     for component, (axes, symbol) in enumerate(zip(panels, "uvw", strict=True)):
         for name, colour in COLOURS.items():
             bands = results["cases"][name]["errors"]["window_mean"]
-            depths = {b: np.mean([float(v) for v in b.split()[0].split("-")]) for b in bands if "mm" in b}
+            depths = {b: np.mean([float(v) for v in b.split()[0].split("-")]) for b in bands if b.endswith("mm")}
             for key, style in (("rms_mm_s", "o-"), ("stated_mm_s", ":")):
                 line = [bands[b][key][component] for b in depths]
                 label = SHORT[name] if key == "rms_mm_s" else None
@@ -160,7 +166,7 @@ def save(figure: Figure, file: Path) -> None:
 def draw(results: dict[str, Any], setting: Comparison, fields: Path, folder: Path) -> None:
     """All three figures into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
-    found = {name: shown(fields, setting, name) for name in SHORT}
+    found = {name: shown(fields, setting, name) for name in SHORT if name != "exact"}
     save(slices(found, setting), folder / "comparison-slices.png")
     save(errors(results), folder / "comparison-errors.png")
     save(vortices(found, setting), folder / "comparison-vortices.png")

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 BANDS_MM = ((0.0, 2.0), (2.0, 4.0), (4.0, 6.0), (6.0, 8.0), (8.0, 10.0))  # of |z|
 SAMPLES = 5  # of a window along each axis
 AT_A_TIME = 2000  # windows
+SMOOTH = 0.02  # of the jet's displacement: flow of which a window leaves less than this unresolved
 TRUTHS = ("window_mean", "point", "particles")
 
 
@@ -38,16 +39,21 @@ def point_displacement(flow: Velocity, at_mm: Array, steps: int = 1) -> Array:
     return advect(flow, at_mm, 0.5 * DT_S, steps) - advect(flow, at_mm, -0.5 * DT_S, steps)
 
 
-def window_mean(flow: Velocity, at_mm: Array, half_mm: Array) -> Array:
-    """Its mean over windows of half sides ``half_mm`` about ``at_mm`` (n, 3), from SAMPLES^3 points."""
+def window_mean(flow: Velocity, at_mm: Array, half_mm: Array) -> tuple[Array, Array]:
+    """Its mean over windows of half sides ``half_mm`` about ``at_mm`` (n, 3), from SAMPLES^3 points, and how far in mm
+    (n,), RMS, displacements in the window lie from their linear fit: motion that it does not resolve."""
     inside = (2 * np.arange(SAMPLES) + 1) / SAMPLES - 1
     offsets = np.stack(np.meshgrid(inside, inside, inside), -1).reshape(-1, 3) * half_mm
-    out = np.empty_like(at_mm)
+    mean, unresolved = np.empty_like(at_mm), np.empty(len(at_mm))
     for first in range(0, len(at_mm), AT_A_TIME):
         now = slice(first, first + AT_A_TIME)
         moved = point_displacement(flow, (at_mm[now, None] + offsets).reshape(-1, 3))
-        out[now] = moved.reshape(-1, len(offsets), 3).mean(1)
-    return out
+        moved = moved.reshape(-1, len(offsets), 3)
+        mean[now] = moved.mean(1)
+        slopes = np.einsum("sk,nsc->nkc", offsets, moved) / (offsets**2).sum(0)[:, None]  # sampled evenly about 0
+        off = moved - mean[now, None] - np.einsum("sk,nkc->nsc", offsets, slopes)
+        unresolved[now] = np.sqrt((off**2).sum(2).mean(1))
+    return mean, unresolved
 
 
 def judged(measured: Measured, setting: Comparison) -> NDArray[np.bool_]:
@@ -85,7 +91,8 @@ def score(measured: Measured, flow: Velocity, setting: Comparison) -> tuple[dict
     at, chosen = places(measured), judged(measured, setting)
     assert chosen.any(), "no window is seen by every view"
     half, voxel = measured.half_mm, np.array(measured.voxel_mm)
-    mean_mm = window_mean(flow, at.reshape(-1, 3), half).reshape(at.shape)
+    mean_mm, unresolved_mm = window_mean(flow, at.reshape(-1, 3), half)
+    mean_mm, smooth = mean_mm.reshape(at.shape), (unresolved_mm < SMOOTH * JET_M_S * DT_S * 1e3).reshape(chosen.shape)
     a, b = (p.position_mm for p in measured.particles)
     of_particles = true_displacements(at[chosen], a, b, half)
     truths = {
@@ -108,7 +115,7 @@ def score(measured: Measured, flow: Velocity, setting: Comparison) -> tuple[dict
         "wall_s": measured.clock.wall_s,
         "processor_s": measured.clock.processor_s,
         "errors": {
-            name: by_depth(found - truth, std, replaced, depth, voxel) for name, truth in truths.items()
+            name: by_depth(found - truth, std, replaced, depth, smooth[chosen], voxel) for name, truth in truths.items()
         },
     }  # fmt: skip
     true = np.moveaxis(mean_mm, -1, 0) / (1e3 * DT_S)
@@ -119,14 +126,21 @@ def score(measured: Measured, flow: Velocity, setting: Comparison) -> tuple[dict
     return told, true
 
 
-def by_depth(error_mm: Array, std_mm: Array, replaced: NDArray, depth_mm: Array, voxel_mm: Array) -> dict[str, Any]:
-    """Errors (n, 3) in mm within each band of |z|, up to the promised depth and beyond, and over all."""
+def by_depth(
+    error_mm: Array, std_mm: Array, replaced: NDArray, depth_mm: Array, smooth: NDArray, voxel_mm: Array
+) -> dict[str, Any]:
+    """Errors (n, 3) in mm within each band of |z|, up to the promised depth and beyond, and over all; up to that depth
+    for windows in ``smooth`` (n,) flow and in the others, too."""
     known = np.isfinite(error_mm).all(1)
     limits = [*BANDS_MM, (0.0, TARGET_DEPTH_MM), (TARGET_DEPTH_MM, np.inf), (0.0, np.inf)]
     names = [f"{lo:g}-{hi:g} mm" for lo, hi in BANDS_MM] + ["within", "beyond", "all"]
     bands = {}
     for name, (lo, hi) in zip(names, limits, strict=True):
         here = known & (depth_mm >= lo) & (depth_mm < hi)
+        if here.any():
+            bands[name] = errors(error_mm[here], std_mm[here], replaced[here], voxel_mm)
+    for name, of in (("within, smooth", smooth), ("within, not", ~smooth)):
+        here = known & (depth_mm < TARGET_DEPTH_MM) & of
         if here.any():
             bands[name] = errors(error_mm[here], std_mm[here], replaced[here], voxel_mm)
     return bands

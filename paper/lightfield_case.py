@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import ceil
 from time import perf_counter, process_time
@@ -11,6 +12,7 @@ import numpy as np
 from comparison_settings import DT_S, LightFieldSetting
 from numpy.typing import NDArray
 
+from plenopiv.accuracy import exact_volume
 from plenopiv.cameras.coverage import seen_by_every_view_mm
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.presets import preset
@@ -29,6 +31,7 @@ from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.recording import Seeding, seed_pair
 from plenopiv.simulation.sensor_noise import digitise
 from plenopiv.velocity import velocity_dataset
+from plenopiv.volume import SparseVolume
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -101,6 +104,20 @@ def windows_seen(camera: PlenopticCamera, field: xr.Dataset, half_mm: NDArray) -
     return in_y[:, :, None] & in_x[:, None, :]
 
 
+def measure_exact(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Measured:
+    """The same particles and windows with exact volumes (Gaussians of three voxels) in place of reconstructed ones:
+    what windows of this size find at all."""
+    clock = Clock()
+    camera, particles = camera_of(setting), seeded(setting, flow, seed)
+    volumes = []
+    for now in particles:
+        values = exact_volume(now.position_mm, now.electrons, setting.grid).values
+        lit = values > 0
+        volumes.append(SparseVolume.from_mask(setting.grid, lit).with_values(values[lit]))
+        clock.lap("simulation")
+    return _correlated(setting, camera, particles, volumes, volumes[0].occupancy, clock)
+
+
 def measure_light_field(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Measured:
     """Simulate, reconstruct and correlate. The lattice is known: calibration from a white image is left out."""
     clock = Clock()
@@ -116,10 +133,21 @@ def measure_light_field(setting: LightFieldSetting, flow: Velocity, seed: int = 
         frames.append(reconstruct(decode(counts, where), projector, settings, counts_per_electron=NOISE.gain))
         clock.lap("reconstruction")
     weight = focus_weight(camera, setting.grid.axes()[2], settings.focus_reach)
-    a, b = (frame.volume.with_planes_scaled(weight) for frame in frames)
-    moved = measure(a, b, CorrelationSettings(windows=setting.windows, overlap=setting.overlap))
+    volumes = [frame.volume.with_planes_scaled(weight) for frame in frames]
+    return _correlated(setting, camera, particles, volumes, frames[0].candidates, clock)
+
+
+def _correlated(
+    setting: LightFieldSetting,
+    camera: PlenopticCamera,
+    particles: Frames,
+    volumes: Sequence[SparseVolume],
+    candidates: float,
+    clock: Clock,
+) -> Measured:
+    moved = measure(*volumes, CorrelationSettings(windows=setting.windows, overlap=setting.overlap))
     clock.lap("correlation")
     field = velocity_dataset(moved, setting.grid, DT_S).isel(time=0)
     half = 0.5 * np.array(setting.windows[-1]) * setting.grid.voxel_mm
     seen = windows_seen(camera, field, half)
-    return Measured(field, particles, setting.grid.voxel_mm, half, seen, frames[0].candidates, clock)
+    return Measured(field, particles, setting.grid.voxel_mm, half, seen, candidates, clock)

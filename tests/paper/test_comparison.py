@@ -112,10 +112,12 @@ def parabola(points_mm):
 
 def test_window_mean_of_a_parabola():
     at, half = np.array([[0.3, 1.0, -2.0], [0.0, 0.0, 0.0]]), np.array([0.5, 0.6, 0.7])
-    mean = scores.window_mean(parabola, at, half)
+    mean, unresolved = scores.window_mean(parabola, at, half)
     h2 = 0.6**2 / 3 * (1 - scores.SAMPLES**-2)  # the midpoint rule's own mean of y^2
     np.testing.assert_allclose(mean[:, 0], 1e3 * DT_S * 0.01 * (at[:, 1] ** 2 + h2), rtol=1e-9)
     np.testing.assert_array_equal(mean[:, 1:], 0.0)
+    fourth = np.mean(np.linspace(-0.48, 0.48, 5) ** 4)  # of the five places along y; what is left is y^2 less its mean
+    np.testing.assert_allclose(unresolved, 1e3 * DT_S * 0.01 * np.sqrt(fourth - h2**2), rtol=1e-6)
     point = scores.point_displacement(parabola, at)
     np.testing.assert_allclose(point[:, 0], 1e3 * DT_S * 0.01 * at[:, 1] ** 2, rtol=1e-9)
 
