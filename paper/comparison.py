@@ -1,0 +1,142 @@
+"""The paper's section 4 (Fig. 10): DNS, LF-PIV and Tomo-PIV of one jet:  comparison.py [full | reduced | tiny]
+
+Four measurements (``comparison_settings``), each in a process of its own: LF-PIV; exact volumes in place of its
+reconstructed ones, which shows what its windows resolve; Tomo-PIV at the paper's settings; Tomo-PIV of the light
+field's particles in windows of the same size. Writes results/comparison.json, its table results/comparison.md, and
+figures to docs/images/paper; fields, with the DNS beside them, to build/comparison.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import comparison_figures
+import lightfield_case
+import numba
+import tomo_case
+from comparison_costs import announced
+from comparison_scores import judged, score
+from comparison_settings import JET_M_S, SIZES, Comparison
+from lightfield_case import Measured
+from page import table
+
+from plenopiv.io.netcdf import write_velocity
+from plenopiv.run.memory import peak_so_far
+from plenopiv.simulation.flows import flow
+
+ROOT = Path(__file__).parents[1]
+TITLES = {
+    "light_field": "LF-PIV",
+    "exact": "exact volumes, LF's windows",
+    "tomo": "Tomo-PIV, the paper's",
+    "matched": "Tomo-PIV, LF's particles and windows",
+}
+SEED = 0
+
+
+def measured(name: str, setting: Comparison) -> Measured:
+    """One of TITLES."""
+    jet = flow("jet", at_mm=setting.jet_at_mm)
+    if name == "light_field":
+        return lightfield_case.measure_light_field(setting.light_field, jet, SEED)
+    if name == "exact":
+        return lightfield_case.measure_exact(setting.light_field, jet, SEED)
+    if name == "tomo":
+        return tomo_case.measure_tomo(setting.tomo, jet, seed=SEED)
+    return tomo_case.measure_tomo(setting.matched, jet, lightfield_case.seeded(setting.light_field, jet, SEED), SEED)
+
+
+def case(name: str, setting: Comparison, fields: Path) -> dict[str, Any]:
+    """Measure, score, and write the field with the window mean of the DNS as u_true, v_true, w_true and ``judged``."""
+    result = measured(name, setting)
+    peak = peak_so_far()
+    told, true = score(result, flow("jet", at_mm=setting.jet_at_mm), setting)
+    dims = ("z", "y", "x")
+    field = result.field.assign({f"{c}_true": (dims, v, {"units": "m s-1"}) for c, v in zip("uvw", true, strict=True)})
+    field = field.assign(judged=(dims, judged(result, setting).astype("int8")))
+    fields.mkdir(parents=True, exist_ok=True)
+    write_velocity(fields / f"{setting.name}-{name}.nc", field)
+    return told | {"peak_gb": None if peak is None else round(peak / 1e9, 3), "threads": numba.get_num_threads()}
+
+
+def in_a_process(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """What ``work`` returns, from a new process, so that the peak of memory is its own."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(work).result()
+
+
+def tables(results: dict[str, Any]) -> str:
+    """Errors against the window mean by depth, then what else was measured, as Markdown."""
+    rows, other = [], []
+    for name, title in TITLES.items():
+        found = results["cases"][name]
+        for band, e in found["errors"]["window_mean"].items():
+            shares = [f"{100 * e[key]:.1f}" for key in ("gross", "replaced")]
+            voxels = [_three(e[key]) for key in ("rms_voxel", "bias_voxel")]
+            lengths = [_three(e[key], 1) for key in ("rms_mm_s", "rms_percent", "stated_mm_s")]
+            rows.append((title, band, f"{e['vectors']:,}", *voxels, *lengths, *shares))
+        other.append((title, *_whole(found)))
+    by_depth = ("method", "abs(z)", "vectors", "RMS u / v / w, voxel", "bias, voxel", "RMS, mm/s", "RMS, % of U")
+    by_depth += ("stated, mm/s", "gross %", "replaced %")
+    whole = ("method", "window, mm", "particles in it", "candidates %", "vorticity: RMS error of RMS, 1/s")
+    whole += ("RMS against the point, mm/s", "against the particles, mm/s", "within 1 std, %", "within 2 std, %")
+    whole += ("wall s", "processor s", "GB")
+    return f"{table(by_depth, rows)}\n\n{table(whole, other)}\n"
+
+
+def _whole(found: dict[str, Any]) -> list[str]:
+    """What is told once of a method."""
+    everywhere, spin = {name: e["all"] for name, e in found["errors"].items()}, found["vorticity"]
+    return [
+        " x ".join(f"{side:.2f}" for side in found["window_mm"]),
+        f"{found['particles_per_window']:.1f}",
+        f"{100 * found['candidates']:.1f}",
+        f"{spin['rms_1_s']:.0f} of {spin['true_rms_1_s']:.0f}" if spin["vectors"] else "",
+        _three(everywhere["point"]["rms_mm_s"], 1),
+        _three(everywhere["particles"]["rms_mm_s"], 1),
+        *(_three([100 * v for v in everywhere["window_mean"][f"inside_{n}_std"]], 0) for n in (1, 2)),
+        *(f"{sum(found[clock].values()):.0f}" for clock in ("wall_s", "processor_s")),
+        "" if found["peak_gb"] is None else f"{found['peak_gb']:.1f}",
+    ]
+
+
+def _three(values: list[float], digits: int = 3) -> str:
+    return " / ".join(f"{v:.{digits}f}" for v in values)
+
+
+def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ...] = tuple(TITLES)) -> dict[str, Any]:
+    """Announce, measure, write JSON, table and figures into ``out``. ``only``: which cases to measure anew; the others
+    are taken from an earlier comparison.json of the same size."""
+    setting, target = SIZES[size], out / "paper" / "results"
+    for line in announced(setting):
+        print(line, flush=True)
+    fields, file = out / "build" / "comparison", target / "comparison.json"
+    earlier = json.loads(file.read_text()) if file.exists() else {"size": None}
+    cases = dict(earlier["cases"]) if earlier["size"] == size else {}
+    target.mkdir(parents=True, exist_ok=True)
+    for name in only:
+        work = partial(case, name, setting, fields)
+        cases[name] = in_a_process(work) if isolated else work()
+        print(f"{TITLES[name]}: {json.dumps(cases[name]['errors']['window_mean']['all'])}", flush=True)
+        file.write_text(json.dumps({"size": size, "jet_m_s": JET_M_S, "cases": cases}, indent=1) + "\n")
+    if set(cases) == set(TITLES):
+        results = json.loads(file.read_text())
+        (target / "comparison.md").write_text(tables(results))
+        comparison_figures.draw(results, setting, fields, out / "docs" / "images" / "paper")
+    return cases
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("size", nargs="?", choices=tuple(SIZES), default="reduced")
+    parser.add_argument("--only", nargs="+", choices=tuple(TITLES), default=tuple(TITLES))
+    parser.add_argument("--out", type=Path, default=ROOT, help="folder for paper/results and docs/images/paper")
+    asked = parser.parse_args()
+    main(asked.size, asked.out, only=tuple(asked.only))

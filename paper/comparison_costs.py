@@ -1,0 +1,63 @@
+"""What a comparison will take, before it starts: memory and time of each of its three measurements."""
+
+from __future__ import annotations
+
+from math import prod
+
+import numba
+from comparison_settings import Comparison, LightFieldSetting, TomoSetting
+from lightfield_case import camera_of
+
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.reconstruction.settings import ReconstructionSettings, TomographySettings
+from plenopiv.run import duration, memory
+
+CAMERAS = 4
+SIGHT = 2.5e-8  # s, a voxel in one camera's lines of sight, one core
+CORRECT = 7.5e-8  # s, a listed voxel projected and corrected, for one camera (decision 22)
+LISTED = 0.1  # of the voxels that lines of sight leave at 0.05 particles per pixel
+LISTED_BYTES = 40.0  # a listed voxel while its frame is reconstructed, the frame before it (6) with it
+
+
+def light_field_cost(setting: LightFieldSetting) -> tuple[float, float]:
+    """Bytes and seconds of LF-PIV; simulation left out."""
+    camera, settings = camera_of(setting), ReconstructionSettings()
+    correlation = CorrelationSettings(windows=setting.windows, overlap=setting.overlap)
+    takes = duration.estimate(
+        camera,
+        setting.grid,
+        rounds=settings.iterations,
+        windows=correlation.passes,
+        overlap=setting.overlap,
+        threads=numba.get_num_threads(),
+    )
+    return memory.estimate(camera, setting.grid).peak, takes.run(2)
+
+
+def tomo_cost(setting: TomoSetting) -> tuple[float, float]:
+    """Bytes and seconds of Tomo-PIV; simulation left out."""
+    grid = setting.grid
+    frame = CAMERAS * grid.size * (SIGHT + LISTED * TomographySettings.iterations * CORRECT)
+    correlation = CorrelationSettings(windows=setting.windows, overlap=setting.overlap)
+    pair = 0.0
+    for window in correlation.passes:
+        along = zip(grid.shape[::-1], window, strict=True)
+        count = prod(max(1, (total - n) // max(1, round(n * (1 - setting.overlap))) + 1) for total, n in along)
+        pair += duration.WINDOW * count * prod(window)
+    layer = 4.0 * 2 * prod(grid.shape[1:]) * setting.windows[0][2]
+    peak = memory.BASE + LISTED_BYTES * LISTED * grid.size + layer
+    return peak, (2 * frame + pair) / numba.get_num_threads()
+
+
+def announced(setting: Comparison) -> list[str]:
+    """A line for each measurement."""
+    costs = {
+        "LF-PIV": (setting.light_field.grid, light_field_cost(setting.light_field)),
+        "Tomo-PIV, the paper's": (setting.tomo.grid, tomo_cost(setting.tomo)),
+        "Tomo-PIV, matched": (setting.matched.grid, tomo_cost(setting.matched)),
+    }
+    return [
+        f"{name}: {' x '.join(map(str, grid.shape[::-1]))} voxels, about {peak / 1e9:.1f} GB and "
+        f"{duration.spoken(seconds)} on {numba.get_num_threads()} threads"
+        for name, (grid, (peak, seconds)) in costs.items()
+    ]

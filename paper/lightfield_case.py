@@ -1,0 +1,153 @@
+"""LF-PIV of the jet: simulated frames of one plenoptic camera, reconstructed and correlated as a run does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import ceil
+from time import perf_counter, process_time
+from typing import TYPE_CHECKING
+
+import numpy as np
+from comparison_settings import DT_S, LightFieldSetting
+from numpy.typing import NDArray
+
+from plenopiv.accuracy import exact_volume
+from plenopiv.cameras.coverage import seen_by_every_view_mm
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.cameras.presets import preset
+from plenopiv.design.twin import NOISE, OFFSET, TURN_RAD, WAVELENGTH_NM
+from plenopiv.displacement.multigrid import measure
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.lattice import Lattice
+from plenopiv.lightfield import decode, layout
+from plenopiv.projection.projector import Projector
+from plenopiv.reconstruction.chain import Reconstruction, reconstruct
+from plenopiv.reconstruction.focus import focus_weight
+from plenopiv.reconstruction.settings import ReconstructionSettings
+from plenopiv.simulation.flows import Velocity
+from plenopiv.simulation.images import particle_image
+from plenopiv.simulation.particles import Particles
+from plenopiv.simulation.recording import Seeding, seed_pair
+from plenopiv.simulation.sensor_noise import digitise
+from plenopiv.velocity import velocity_dataset
+from plenopiv.volume import SparseVolume
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Frames = tuple[Particles, Particles]
+
+
+@dataclass
+class Clock:
+    """Seconds by stage, of the wall's clock and of the processors."""
+
+    wall_s: dict[str, float] = field(default_factory=dict)
+    processor_s: dict[str, float] = field(default_factory=dict)
+    _began: tuple[float, float] = field(default_factory=lambda: (perf_counter(), process_time()))
+
+    def lap(self, stage: str) -> None:
+        """What passed since the last lap belongs to ``stage``."""
+        now = perf_counter(), process_time()
+        for seconds, a, b in zip((self.wall_s, self.processor_s), self._began, now, strict=True):
+            seconds[stage] = round(b - a + seconds.get(stage, 0.0), 2)
+        self._began = now
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A velocity field, the particles of its two frames, and where windows are seen.
+
+    ``field``: ``velocity_dataset``. ``half_mm``: half the last window along x, y, z. ``seen`` (nz, ny, nx): windows
+    that every view, or every camera, sees wholly. ``candidates``: share of the voxels that MART started from.
+    """
+
+    field: xr.Dataset
+    particles: Frames
+    voxel_mm: tuple[float, float, float]
+    half_mm: NDArray[np.float64]
+    seen: NDArray[np.bool_]
+    candidates: float
+    clock: Clock
+
+
+def camera_of(setting: LightFieldSetting) -> PlenopticCamera:
+    """The camera, its sensor no larger than what the light of the volume needs, its lattice turned and off the axis."""
+    camera = preset(setting.camera)
+    sensor, pitch = camera.sensor, camera.lattice.pitch_mm
+    x, y, depth = setting.volume_mm
+    pixel = sensor.pixel_pitch_mm / (1 + camera.image_scale)
+    columns, rows = (2 * ceil(max(_reach(camera, max(-lo, hi), z) for z in depth) / pixel) + 2 for lo, hi in (x, y))
+    smaller = replace(sensor, columns=min(columns, sensor.columns), rows=min(rows, sensor.rows))
+    lattice = Lattice(camera.lattice.kind, pitch, TURN_RAD, (OFFSET[0] * pitch, OFFSET[1] * pitch))
+    return replace(camera, sensor=smaller, lattice=lattice)
+
+
+def _reach(camera: PlenopticCamera, off_axis_mm: float, z_mm: float) -> float:
+    """How far from the axis the light of a point falls on the microlenses, in mm."""
+    blur = 0.5 * camera.main_lens.aperture_mm * abs(float(camera.spread(z_mm)))
+    return abs(float(camera.scale(z_mm))) * off_axis_mm + blur
+
+
+def seeded(setting: LightFieldSetting, flow: Velocity, seed: int) -> Frames:
+    """The particles in both frames, evenly strewn at mid-time."""
+    seeding = Seeding(setting.particles_per_microlens)
+    return seed_pair(camera_of(setting), flow, DT_S, setting.volume_mm, seeding, np.random.default_rng(seed))
+
+
+def windows_seen(camera: PlenopticCamera, field: xr.Dataset, half_mm: NDArray) -> NDArray[np.bool_]:
+    """Whether every view sees the whole window about each vector, at the vector's depth; (nz, ny, nx)."""
+    x, y = seen_by_every_view_mm(camera, field.z.values)
+    in_x = np.abs(field.x.values) + half_mm[0] <= x[:, None] + 1e-9
+    in_y = np.abs(field.y.values) + half_mm[1] <= y[:, None] + 1e-9
+    return in_y[:, :, None] & in_x[:, None, :]
+
+
+def measure_exact(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Measured:
+    """The same particles and windows with exact volumes (Gaussians of three voxels) in place of reconstructed ones:
+    what windows of this size find at all."""
+    clock = Clock()
+    camera, particles = camera_of(setting), seeded(setting, flow, seed)
+    volumes = []
+    for now in particles:
+        values = exact_volume(now.position_mm, now.electrons, setting.grid).values
+        lit = values > 0
+        volumes.append(SparseVolume.from_mask(setting.grid, lit).with_values(values[lit]))
+        clock.lap("simulation")
+    return _correlated(setting, camera, particles, volumes, volumes[0].occupancy, clock)
+
+
+def measure_light_field(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Measured:
+    """Simulate, reconstruct and correlate. The lattice is known: calibration from a white image is left out."""
+    clock = Clock()
+    camera, particles = camera_of(setting), seeded(setting, flow, seed)
+    where, settings = layout(camera), ReconstructionSettings()
+    projector = Projector(where, setting.grid, settings.weights)
+    rng = np.random.default_rng(seed + 1)
+    frames: list[Reconstruction] = []
+    for number, now in enumerate(particles):
+        light = particle_image(camera, now, rays=setting.rays, seed=2 * seed + number, diffraction_nm=WAVELENGTH_NM)
+        counts = digitise(light + Seeding.background_electrons, camera.sensor, NOISE, rng)
+        clock.lap("simulation")
+        frames.append(reconstruct(decode(counts, where), projector, settings, counts_per_electron=NOISE.gain))
+        clock.lap("reconstruction")
+    weight = focus_weight(camera, setting.grid.axes()[2], settings.focus_reach)
+    volumes = [frame.volume.with_planes_scaled(weight) for frame in frames]
+    return _correlated(setting, camera, particles, volumes, frames[0].candidates, clock)
+
+
+def _correlated(
+    setting: LightFieldSetting,
+    camera: PlenopticCamera,
+    particles: Frames,
+    volumes: Sequence[SparseVolume],
+    candidates: float,
+    clock: Clock,
+) -> Measured:
+    moved = measure(*volumes, CorrelationSettings(windows=setting.windows, overlap=setting.overlap))
+    clock.lap("correlation")
+    field = velocity_dataset(moved, setting.grid, DT_S).isel(time=0)
+    half = 0.5 * np.array(setting.windows[-1]) * setting.grid.voxel_mm
+    seen = windows_seen(camera, field, half)
+    return Measured(field, particles, setting.grid.voxel_mm, half, seen, candidates, clock)
