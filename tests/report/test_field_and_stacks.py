@@ -50,6 +50,14 @@ def test_criteria_are_in_si_units_and_have_levels_where_something_turns():
     assert "q" not in field_data(strain)["criteria"]  # nothing turns more than it deforms
 
 
+def test_a_surface_is_drawn_at_first_unless_all_of_the_flow_turns():
+    assert field_data(rotation())["start"] == ""
+    swirl = rotation()
+    near = np.exp(-(swirl["x"] ** 2 + swirl["z"] ** 2))
+    swirl["u"], swirl["w"] = swirl["u"] * near, swirl["w"] * near
+    assert field_data(swirl)["start"] == "q"
+
+
 def test_thinning_takes_the_longest_axis_and_keeps_small_fields():
     assert thinning((20, 30, 40)) == (1, 1, 1)
     step = thinning((60, 100, 140))

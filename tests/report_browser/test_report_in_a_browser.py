@@ -78,6 +78,7 @@ def test_what_is_shown_of_the_scene_can_be_chosen(visit):
     def triangles():
         return int(made.page.get_attribute("#scene", "data-triangles"))
 
+    made.slide("#scene [data-control=criterion]", "q")
     everything = triangles()
     made.slide("#scene [data-control=arrows]", False)
     without_arrows = triangles()
@@ -96,6 +97,7 @@ def test_what_is_shown_of_the_scene_can_be_chosen(visit):
 @pytest.mark.parametrize("name", ["level", "slice-z"])
 def test_sliders_of_the_scene_change_it_and_say_so(visit, name):
     made = visit()
+    made.slide("#scene [data-control=criterion]", "vorticity")
     seen = set()
     for value in (1, 3, 5):
         made.slide(f"#scene [data-control={name}]", value)

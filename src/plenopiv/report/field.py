@@ -25,8 +25,10 @@ def field_data(dataset: xarray.Dataset) -> dict[str, Any]:
     """What the scripts of the page draw of the first time of a velocity field, dims (time, z, y, x).
 
     ``axes`` in mm; ``values`` float32 little-endian in base64, x running fastest: u, v, w in m/s, valid, and the vortex
-    criteria; ``criteria`` which of these can be drawn, with the range of levels; ``largest`` velocities for the colour
-    bars; ``step`` every how many vectors one was taken. Derivatives are of the whole field, before thinning.
+    criteria; ``criteria`` which of these can be drawn, with the range of levels, and ``start`` the one that is drawn at
+    first, "" where the whole flow turns, as in a solid-body rotation: a surface would then wrap noise alone;
+    ``largest`` velocities for the colour bars; ``step`` every how many vectors one was taken. Derivatives are of the
+    whole field, before thinning.
     """
     field = dataset.isel(time=0).transpose("z", "y", "x", ...)
     values = {name: field[name].values for name in ("u", "v", "w", "valid")}
@@ -40,6 +42,7 @@ def field_data(dataset: xarray.Dataset) -> dict[str, Any]:
         "step": dict(zip("zyx", step, strict=True)),
         "values": {name: _packed(part) for name, part in thinned.items()},
         "criteria": {name: levels for name in CRITERIA if (levels := _levels(name, thinned.get(name))) is not None},
+        "start": "" if _all_turns(values.get("q")) else "q",
         "largest": {"speed": _largest(speed)} | {name: _largest(values[name]) for name in "uvw"},
         "colours": {
             name: np.rint(255 * colormaps[map](np.linspace(0, 1, STOPS))[:, :3]).astype(int).tolist()
@@ -76,6 +79,12 @@ def _levels(name: str, values: NDArray | None) -> dict[str, Any] | None:
     low = max(float(low), 0.0)
     label, unit = CRITERIA[name]
     return {"name": name, "label": label, "unit": unit, "low": low, "high": float(high)} if high > low else None
+
+
+def _all_turns(q: NDArray | None) -> bool:
+    """Whether Q is positive in nine vectors of ten."""
+    finite = np.empty(0) if q is None else q[np.isfinite(q)]
+    return bool(finite.size) and float(np.percentile(finite, 10.0)) > 0.0
 
 
 def _packed(values: NDArray) -> str:

@@ -21,6 +21,10 @@ from plenopiv.report.views import Projections, RawCrop
 if TYPE_CHECKING:
     import xarray
 
+ALL_TURNS = (
+    " Here nearly all of the flow turns more than it deforms, as in a solid-body rotation: a surface would wrap noise "
+    "alone, so none is drawn at first."
+)
 SECTIONS_OF_THEIR_OWN = ("warnings", "timings_s", "peak_memory_gb", "versions")
 
 
@@ -94,6 +98,7 @@ def _velocity(dataset: xarray.Dataset, drawn: _Figures) -> list[str]:
     times = dataset.sizes["time"]
     first = f"The first of {times} times. " if times > 1 else ""
     field = field_data(dataset)
+    turning = "" if field["start"] else ALL_TURNS
     every = " x ".join(str(field["step"][axis]) for axis in "xyz")
     thinned = "" if every == "1 x 1 x 1" else f" To keep the page small, one vector in {every} along x, y, z is drawn."
     return [
@@ -101,7 +106,7 @@ def _velocity(dataset: xarray.Dataset, drawn: _Figures) -> list[str]:
             "Velocity in 3D",
             f"{first}Drag to turn; hold Ctrl and use the wheel to enlarge. The isosurface encloses where the flow "
             "turns more than it deforms (Q-criterion), or where its vorticity is above the level. Both are differences "
-            f"of neighbouring vectors and noisier than these; nothing is smoothed.{thinned}",
+            f"of neighbouring vectors and noisier than these; nothing is smoothed.{turning}{thinned}",
             viewers.field_block(field),
             viewers.scene(field),
             name="velocity",

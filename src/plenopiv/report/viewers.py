@@ -29,7 +29,7 @@ def scene(field: Mapping[str, Any]) -> str:
         for axis, checked in (("z", " checked"), ("y", ""), ("x", ""))
     )
     controls = (
-        f"<label>isosurface of {_choice('criterion', criteria)}</label>"
+        f"<label>isosurface of {_choice('criterion', criteria, field['start'])}</label>"
         '<label class="wide-label"><span>level <output data-said="level"></output></span>'
         '<input type="range" data-control="level" min="1" max="99" value="40" aria-label="level of the isosurface">'
         f"</label>{planes}<label>colour {_choice('colour', _quantities())}</label>"
@@ -83,8 +83,11 @@ def _quantities() -> dict[str, str]:
     return {"speed": "speed", "u": "u (along x)", "v": "v (along y)", "w": "w (along z)"}
 
 
-def _choice(name: str, options: Mapping[str, str]) -> str:
-    items = "".join(f'<option value="{plain(value)}">{plain(label)}</option>' for value, label in options.items())
+def _choice(name: str, options: Mapping[str, str], start: str | None = None) -> str:
+    items = "".join(
+        f'<option value="{plain(value)}"{" selected" if value == start else ""}>{plain(label)}</option>'
+        for value, label in options.items()
+    )
     return f'<select data-control="{name}">{items}</select>'
 
 

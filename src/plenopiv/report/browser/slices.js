@@ -49,7 +49,7 @@ function startSlices(root, field) {
 
   // How long an arrow of some round speed is.
   function key(context, box, longest, reach) {
-    const speed = ticks(0, longest, 2)[1] || longest, at = box.top + box.height + 54;
+    const speed = ticks(0, longest, 4).pop() || longest, at = box.top + box.height + 54;
     context.strokeStyle = context.fillStyle = palette().ink;
     const length = (speed / longest) * reach;
     flatArrow(context, [box.left + length / 2, at], [length, 0]);
