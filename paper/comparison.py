@@ -57,10 +57,11 @@ def case(name: str, setting: Comparison, fields: Path) -> dict[str, Any]:
     """Measure, score, and write the field with the window mean of the DNS as u_true, v_true, w_true and ``judged``."""
     result = measured(name, setting)
     peak = peak_so_far()
-    told, true = score(result, flow("jet", at_mm=setting.jet_at_mm), setting)
+    limits = (setting.light_field if name == "exact" else getattr(setting, name)).judged_mm
+    told, true = score(result, flow("jet", at_mm=setting.jet_at_mm), limits)
     dims = ("z", "y", "x")
     field = result.field.assign({f"{c}_true": (dims, v, {"units": "m s-1"}) for c, v in zip("uvw", true, strict=True)})
-    field = field.assign(judged=(dims, judged(result, setting).astype("int8")))
+    field = field.assign(judged=(dims, judged(result, limits).astype("int8")))
     fields.mkdir(parents=True, exist_ok=True)
     write_velocity(fields / f"{setting.name}-{name}.nc", field)
     return told | {"peak_gb": None if peak is None else round(peak / 1e9, 3), "threads": numba.get_num_threads()}

@@ -34,7 +34,7 @@ SLICE_Z_MM = 1.5  # of the x-y plane: near focus, out of the zone without depth
 SLICE_JET_Y_MM = 1.0  # of the x-z plane, from the jet's axis
 FINE_MM = 0.15  # spacing at which the DNS is drawn
 LEVELS = np.linspace(-0.1, 1.1, 13)
-VORTEX_JET2 = 0.5  # Q of the isosurface, in units of (U / D)^2
+VORTEX_JET2 = 1.0  # Q of the isosurface, in units of (U / D)^2
 JET_DIAMETER_MM = 6.0
 
 
@@ -131,11 +131,13 @@ def turning(field: xr.Dataset) -> Array:
 
 @rc_context(STYLE)
 def vortices(fields: dict[str, xr.Dataset], setting: Comparison) -> Figure:
-    """Isosurfaces of Q."""
+    """Isosurfaces of Q, dark where they face away from the light."""
     light, depth = fields["light_field"], TARGET_DEPTH_MM
     both = {IN_WINDOWS: true(light)} | {SHORT[name]: field for name, field in fields.items()}
     level = VORTEX_JET2 * (JET_M_S / (JET_DIAMETER_MM * 1e-3)) ** 2
-    figure = Figure(figsize=(11.0, 3.8), layout="constrained")
+    figure = Figure(figsize=(13.0, 4.4))
+    figure.subplots_adjust(left=0.01, right=0.97, bottom=0.02, top=0.88, wspace=0.1)
+    figure.suptitle(f"Q = {VORTEX_JET2:g} (U/D)²")
     limits = [tuple(light[c].values[[0, -1]]) for c in "xyz"]
     limits[2] = max(limits[2][0], -depth), min(limits[2][1], depth)
     for k, (title, field) in enumerate(both.items(), 1):
@@ -144,13 +146,14 @@ def vortices(fields: dict[str, xr.Dataset], setting: Comparison) -> Figure:
         if min(inside.sizes.values()) >= 2:
             surface = isosurface(turning(inside), level, tuple(inside[c].values for c in "xyz"))  # type: ignore[arg-type]
             if len(surface):
-                corners = surface[:, :, [0, 2, 1]]  # z into the page, y up
+                corners = surface[:, ::-1, :][:, :, [0, 2, 1]]  # z into the page, y up; a mirror turns faces round
                 light_from = LightSource(225, 45)
                 axes.add_collection3d(
-                    Poly3DCollection(corners, facecolors=BLUE, shade=True, lightsource=light_from, lw=0)
+                    Poly3DCollection(corners, facecolors=BLUE, shade=True, lightsource=light_from, antialiased=False)
                 )
         axes.set(xlim=limits[0], ylim=limits[2], zlim=limits[1], xlabel="x, mm", ylabel="z, mm", zlabel="y, mm")
-        axes.set_box_aspect([limits[c][1] - limits[c][0] for c in (0, 2, 1)])
+        axes.set_box_aspect([limits[c][1] - limits[c][0] for c in (0, 2, 1)], zoom=1.15)
+        axes.locator_params(nbins=4)
         axes.view_init(22, -62)
         axes.set_title(title)
     return figure

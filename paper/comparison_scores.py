@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from comparison_settings import DT_S, JET_M_S, TARGET_DEPTH_MM, Comparison
+from comparison_settings import DT_S, JET_M_S, TARGET_DEPTH_MM, Across
 from lightfield_case import Measured
 from numpy.typing import NDArray
 
@@ -56,10 +56,10 @@ def window_mean(flow: Velocity, at_mm: Array, half_mm: Array) -> tuple[Array, Ar
     return mean, unresolved
 
 
-def judged(measured: Measured, setting: Comparison) -> NDArray[np.bool_]:
-    """Vectors (nz, ny, nx) whose whole window is seen by every view and lies within the setting's limits."""
+def judged(measured: Measured, limits_mm: Across | None) -> NDArray[np.bool_]:
+    """Vectors (nz, ny, nx) whose whole window is seen by every view and lies within limits along x and y."""
     chosen = measured.seen.copy()
-    for axis, limits in enumerate(setting.judged_mm or ()):
+    for axis, limits in enumerate(limits_mm or ()):
         off, half = places(measured)[..., axis], measured.half_mm[axis]
         chosen &= (off - half >= limits[0] - 1e-9) & (off + half <= limits[1] + 1e-9)
     return chosen
@@ -86,9 +86,9 @@ def velocity(measured: Measured, suffix: str = "") -> Array:
     return np.stack([measured.field[name + suffix].values for name in "uvw"])
 
 
-def score(measured: Measured, flow: Velocity, setting: Comparison) -> tuple[dict[str, Any], Array]:
+def score(measured: Measured, flow: Velocity, limits_mm: Across | None = None) -> tuple[dict[str, Any], Array]:
     """All errors of one field for JSON, and the window mean of the DNS velocity (3, nz, ny, nx) in m/s."""
-    at, chosen = places(measured), judged(measured, setting)
+    at, chosen = places(measured), judged(measured, limits_mm)
     assert chosen.any(), "no window is seen by every view"
     half, voxel = measured.half_mm, np.array(measured.voxel_mm)
     mean_mm, unresolved_mm = window_mean(flow, at.reshape(-1, 3), half)

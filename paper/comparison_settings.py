@@ -14,6 +14,7 @@ from plenopiv.volume import VoxelGrid
 
 Vector = tuple[float, float, float]
 Window = tuple[int, int, int]
+Across = tuple[tuple[float, float], tuple[float, float]]
 
 DT_S = 0.0005
 JET_M_S = 2500 * 1e-3 / 6.0  # Re nu / D in water, docs/jet.md
@@ -24,9 +25,11 @@ TARGET_DEPTH_MM = 6.0  # of |z|, up to which errors are promised
 
 @dataclass(frozen=True)
 class LightFieldSetting:
-    """One plenoptic camera. ``volume_mm``: lit, seeded and reconstructed; ``rays``: simulated, of each particle."""
+    """One plenoptic camera. ``volume_mm``: lit, seeded and reconstructed. ``judged_mm``: limits along x and y within
+    which windows are judged; None, wherever every view sees them. ``rays``: simulated, of each particle."""
 
     volume_mm: Limits
+    judged_mm: Across | None = None
     windows: tuple[Window, ...] = ((128, 128, 32), (64, 64, 16))
     overlap: float = 0.5
     camera: str = "29mp"
@@ -44,11 +47,13 @@ class TomoSetting:
     """Four pinhole cameras at the corners of a square, turned by +-``angle_deg`` about y and about x.
 
     ``volume_mm``: lit, seeded and reconstructed in cubic voxels of ``scale_mm_px``, which is a pixel at the middle.
+    ``judged_mm``: as of a light field.
     ``particles_per_pixel``: over the volume's x-y face; None takes the particles of the light field. ``sensor_px``: the
     most columns and rows; what the volume leaves dark is not simulated. ``diameter_px``: of particle images, e^-2.
     """
 
     volume_mm: Limits
+    judged_mm: Across | None = None
     windows: tuple[Window, ...] = ((64, 64, 64), (32, 32, 32))
     overlap: float = 0.75
     scale_mm_px: float = 0.074
@@ -69,8 +74,7 @@ class Comparison:
     """Three measurements of one jet: LF-PIV and Tomo-PIV as the paper has them, and Tomo-PIV of the light field's
     particles with windows of the same size in mm (``matched``).
 
-    ``jet_at_mm``: the point of the jet that lies at the origin. ``judged_mm``: limits along x and y within which
-    windows are judged; None, wherever every view and every camera sees them.
+    ``jet_at_mm``: the point of the jet that lies at the origin.
     """
 
     name: str
@@ -78,7 +82,6 @@ class Comparison:
     tomo: TomoSetting
     matched: TomoSetting
     jet_at_mm: Vector = (0.0, 0.0, 0.0)
-    judged_mm: tuple[tuple[float, float], tuple[float, float]] | None = None
 
 
 MATCHED_SCALE_MM_PX = 36 / 2048
@@ -93,6 +96,7 @@ def matched(light_field: LightFieldSetting) -> TomoSetting:
     )
     return TomoSetting(
         light_field.volume_mm,
+        light_field.judged_mm,
         windows,  # type: ignore[arg-type]
         light_field.overlap,
         MATCHED_SCALE_MM_PX,
@@ -107,28 +111,30 @@ def _about_axis(width: float, height: float, depth: tuple[float, float] = DEPTH_
 FULL_LIGHT_FIELD = LightFieldSetting(_about_axis(36.0, 24.0))
 FULL = Comparison("full", FULL_LIGHT_FIELD, TomoSetting(_about_axis(36.0, 24.0)), matched(FULL_LIGHT_FIELD))
 
-# From the jet's axis across its shear layer. Its own Tomo-PIV sees a wider lit volume, as lines of sight at 20 degrees
-# leave a narrow one; the matched one cannot, since the particles are the light field's.
-CUT_LIGHT_FIELD = LightFieldSetting(_about_axis(7.5, 6.0))
+# From the jet's axis across its shear layer. The paper's Tomo-PIV has a wider lit volume, as lines of sight at 20
+# degrees leave a narrow one, and is judged over more of x, along which the jet's statistics do not change: its windows
+# are ten times as large. The matched one has the light field's volume with its particles.
+JUDGED_Y_MM = (-2.25, 2.25)
+CUT_LIGHT_FIELD = LightFieldSetting(_about_axis(7.5, 6.0), ((-3.0, 3.0), JUDGED_Y_MM))
 REDUCED = Comparison(
     "reduced",
     CUT_LIGHT_FIELD,
-    TomoSetting(_about_axis(14.0, 13.0)),
+    TomoSetting(_about_axis(34.0, 13.0), ((-15.0, 15.0), JUDGED_Y_MM)),
     matched(CUT_LIGHT_FIELD),
     jet_at_mm=(0.0, 2.0, 0.0),
-    judged_mm=((-3.0, 3.0), (-2.25, 2.25)),
 )
 
 # Seconds, for tests: one layer of windows in front of focus, Tomo-PIV in smaller windows.
 TINY_LIGHT_FIELD = LightFieldSetting(
     _about_axis(2.8, 3.3, (0.5, 3.0)), particles_per_microlens=0.3, windows=((96, 96, 24), (64, 64, 16)), rays=1000
 )
+SMALL_WINDOWS = ((32, 32, 32), (24, 24, 24))
 TINY = Comparison(
     "tiny",
     TINY_LIGHT_FIELD,
-    TomoSetting(_about_axis(4.8, 4.8, (-2.4, 2.4)), ((32, 32, 32), (24, 24, 24)), 0.5),
+    TomoSetting(_about_axis(4.8, 4.8, (-2.4, 2.4)), windows=SMALL_WINDOWS, overlap=0.5),
     TomoSetting(
-        TINY_LIGHT_FIELD.volume_mm, ((32, 32, 32), (24, 24, 24)), 0.5, scale_mm_px=0.05, particles_per_pixel=None
+        TINY_LIGHT_FIELD.volume_mm, windows=SMALL_WINDOWS, overlap=0.5, scale_mm_px=0.05, particles_per_pixel=None
     ),
     jet_at_mm=(0.0, 3.0, 0.0),
 )
