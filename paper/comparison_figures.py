@@ -117,7 +117,7 @@ def errors(results: dict[str, Any]) -> Figure:
         axes.axvline(TARGET_DEPTH_MM, color="#8794a1", lw=0.8, ls="--")
         axes.set(title=f"RMS error of {symbol}", xlabel="|z|, mm", xlim=(0, DEPTH_MM[1]), ylim=(0, None))
     panels[0].set_ylabel("mm/s (dotted: as stated)")
-    panels[0].legend(frameon=False)
+    figure.legend(*panels[0].get_legend_handles_labels(), frameon=False, ncols=4, loc="outside lower center")
     return figure
 
 

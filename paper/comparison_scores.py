@@ -87,12 +87,14 @@ def velocity(measured: Measured, suffix: str = "") -> Array:
 
 
 def score(measured: Measured, flow: Velocity, limits_mm: Across | None = None) -> tuple[dict[str, Any], Array]:
-    """All errors of one field for JSON, and the window mean of the DNS velocity (3, nz, ny, nx) in m/s."""
+    """All errors of one field for JSON, and the window mean of the DNS velocity (3, nz, ny, nx) in m/s, NaN where it is
+    not judged."""
     at, chosen = places(measured), judged(measured, limits_mm)
     assert chosen.any(), "no window is seen by every view"
     half, voxel = measured.half_mm, np.array(measured.voxel_mm)
-    mean_mm, unresolved_mm = window_mean(flow, at.reshape(-1, 3), half)
-    mean_mm, smooth = mean_mm.reshape(at.shape), (unresolved_mm < SMOOTH * JET_M_S * DT_S * 1e3).reshape(chosen.shape)
+    mean_mm = np.full(at.shape, np.nan)
+    mean_mm[chosen], unresolved_mm = window_mean(flow, at[chosen], half)
+    smooth = unresolved_mm < SMOOTH * JET_M_S * DT_S * 1e3
     a, b = (p.position_mm for p in measured.particles)
     of_particles = true_displacements(at[chosen], a, b, half)
     truths = {
@@ -115,7 +117,7 @@ def score(measured: Measured, flow: Velocity, limits_mm: Across | None = None) -
         "wall_s": measured.clock.wall_s,
         "processor_s": measured.clock.processor_s,
         "errors": {
-            name: by_depth(found - truth, std, replaced, depth, smooth[chosen], voxel) for name, truth in truths.items()
+            name: by_depth(found - truth, std, replaced, depth, smooth, voxel) for name, truth in truths.items()
         },
     }  # fmt: skip
     true = np.moveaxis(mean_mm, -1, 0) / (1e3 * DT_S)

@@ -69,6 +69,20 @@ def test_numbers_hang_together(tiny, name):
     assert everywhere["inside_1_std"] <= everywhere["inside_2_std"]
 
 
+def test_what_was_measured_at_the_reduced_size():
+    """LF-PIV keeps its promises up to 6 mm where its windows resolve the flow; where they do not, exact volumes do not
+    either."""
+    measured = json.loads((Path(__file__).parents[2] / "paper/results/comparison.json").read_text())
+    assert measured["size"] in ("reduced", "full")
+    light, exact = (measured["cases"][name]["errors"]["window_mean"] for name in ("light_field", "exact"))
+    assert light["within"]["gross"] <= 0.05
+    assert light["within"]["rms_voxel"][2] <= 0.20
+    assert max(light["within, smooth"]["rms_voxel"][:2]) <= 0.12
+    assert min(exact["within, not"]["rms_voxel"][:2]) > 0.12
+    for axis in range(2):
+        assert light["within"]["rms_voxel"][axis] < 1.25 * exact["within"]["rms_voxel"][axis]
+
+
 def test_matched_windows_are_as_large_in_mm():
     light, tomo = FULL.light_field, FULL.matched
     for one, other in zip(light.windows, tomo.windows, strict=True):
