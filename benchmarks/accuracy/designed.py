@@ -68,32 +68,44 @@ def main() -> None:
     parser.add_argument("names", nargs="*", default=["pmr8", "pmr14", "pmr28"])
     parser.add_argument("--out", type=Path, help="where recordings go; default: nowhere that lasts")
     parser.add_argument("--depth", type=float, nargs=2)
+    parser.add_argument("--predict", action="store_true", help="predict anew, full runs as they were")
     asked = parser.parse_args()
     path = HERE / "designed.json"
     rows = json.loads(path.read_text()) if path.exists() else {}
     for name in asked.names:
         camera = preset(name)
         measured = suggested(camera, asked.depth and tuple(asked.depth))
+        key = name if asked.depth is None else f"{name}, z from {asked.depth[0]:g} to {asked.depth[1]:g} mm"
         made = twin(camera, measured)
         predicted, scores = made.errors, list[Score]()
+        told = {
+            "predicted": predicted.rms,
+            "predicted_by_depth": [b.rms for b in predicted.by_depth],
+            "vectors_of_twin": made.vectors,
+        }
+        if asked.predict:
+            rows[key] |= told
+            write(path, rows)
+            continue
         with tempfile.TemporaryDirectory(dir=asked.out) as scratch:
             while sum(s.vectors for s in scores) < VECTORS and len(scores) < MOST_RECORDINGS:
                 scores.append(recorded(camera, measured, Path(scratch), 100 + len(scores)))
         scored = pooled(scores)
-        key = name if asked.depth is None else f"{name}, z from {asked.depth[0]:g} to {asked.depth[1]:g} mm"
-        rows[key] = {
-            "predicted": predicted.rms,
-            "predicted_by_depth": [b.rms for b in predicted.by_depth],
+        rows[key] = told | {
             "scored": scored.rms,
             "scored_by_depth": [b.rms for b in scored.by_depth],
             "vectors": sum(s.vectors for s in scores),
-            "vectors_of_twin": made.vectors,
             "recordings": len(scores),
         }
         off = ", ".join(f"{p / s - 1:+.0%}" for p, s in zip(predicted.rms, scored.rms, strict=True))
-        told = " ".join(f"{p:.3f}" for p in predicted.rms), " ".join(f"{s:.3f}" for s in scored.rms)
-        print(f"{key}: predicted {told[0]}, scored {told[1]} ({rows[key]['vectors']} vectors): {off}", flush=True)
-        path.write_text(json.dumps(rows, indent=1) + "\n")
+        both = " ".join(f"{p:.3f}" for p in predicted.rms), " ".join(f"{s:.3f}" for s in scored.rms)
+        print(f"{key}: predicted {both[0]}, scored {both[1]} ({rows[key]['vectors']} vectors): {off}", flush=True)
+        write(path, rows)
+
+
+def write(path: Path, rows: dict[str, dict]) -> None:
+    """The figures, and the table of docs/design.md."""
+    path.write_text(json.dumps(rows, indent=1) + "\n")
     text = PAGE.read_text()
     before, rest = text.split(BEGIN)
     PAGE.write_text(f"{before}{BEGIN}\n{table(rows)}\n{END}{rest.split(END)[1]}")

@@ -8,7 +8,7 @@ import pytest
 from plenopiv.cameras.coverage import seen_by_every_view_mm
 from plenopiv.cameras.presets import preset
 from plenopiv.design.advice import suggested
-from plenopiv.design.twin import cut, reconstructed_pair, twin
+from plenopiv.design.twin import cut, inclined, reconstructed_pair, twin
 
 
 def test_a_large_sensor_is_cut_to_what_some_vectors_take():
@@ -29,6 +29,20 @@ def test_a_small_sensor_is_its_own_twin():
     small, measured = cut(camera, asked, vectors=10_000)
     assert (small.sensor.columns, small.sensor.rows) == (448, 448)
     assert measured == asked
+
+
+def test_errors_in_depth_lean_with_the_lines_of_sight():
+    camera = preset("29mp")
+    asked = suggested(camera)
+    _, part = cut(camera, asked, vectors=60)
+    assert inclined(camera, asked, asked) == (0.0, 0.0)
+    slope_x, slope_y = inclined(camera, asked, part)
+    assert slope_x > slope_y > 0  # the sensor is wider than high
+    # brute force: points all over the field, moved along their line of sight by a voxel in depth
+    x = np.linspace(*asked.limits_mm[0], 2001)
+    per_voxel = x / 100.0 * asked.voxel_mm[2] / asked.voxel_mm[0]
+    inner = np.linspace(*part.limits_mm[0], 2001) / 100.0 * asked.voxel_mm[2] / asked.voxel_mm[0]
+    assert slope_x**2 == pytest.approx(np.mean(per_voxel**2) - np.mean(inner**2), rel=2e-3)
 
 
 @pytest.fixture(scope="module")

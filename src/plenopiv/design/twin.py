@@ -1,7 +1,12 @@
 """A twin of a camera: simulated images of it, reconstructed, correlated and scored, as small as it may be.
 
-Errors depend on depth, not on where in the field a window lies. So the twin of a large sensor has the camera's optics
-and depth, but only as much sensor as some hundred vectors need; a small sensor is its own twin, recorded several times.
+Errors depend on depth and hardly on where in the field a window lies. So the twin of a large sensor has the camera's
+optics and depth, but only as much sensor as some hundred vectors need; a small sensor is its own twin, recorded
+several times.
+
+One thing does depend on the place. An error in depth is one along the line of sight, and beside the axis lines of sight
+are inclined by x/(S_o - z): an error e_z along z is one of e_z x/(S_o - z) along x. What the twin's narrow field leaves
+of that is added (``inclined``).
 """
 
 from __future__ import annotations
@@ -9,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from math import ceil, radians, sqrt
+from math import ceil, hypot, radians, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -222,6 +227,7 @@ def twin(
         scores.append(pair.score(field))
         planes.append(pair.by_plane(field))
         candidates += pair.frames[0].candidates
+    slope = inclined(camera, measurement, pair.measurement)
     return Twin(
         pair.camera,
         pair.measurement,
@@ -230,9 +236,34 @@ def twin(
         candidates / len(scores),
         len(scores),
         sum(score.vectors for score in scores),
-        pooled(scores),
-        tuple(_mean(same) for same in zip(*planes, strict=True)),
+        _over_the_field(pooled(scores), slope),
+        tuple(_tilted(_mean(same), slope) for same in zip(*planes, strict=True)),
     )
+
+
+def inclined(camera: PlenopticCamera, whole: Measurement, part: Measurement) -> tuple[float, float]:
+    """Voxels that an error of one voxel along z adds along x and y, RMS over the whole field less that over a part."""
+    dx, dy, dz = whole.voxel_mm
+    slopes = []
+    for (lo, hi), (low, high), side in zip(whole.limits_mm[:2], part.limits_mm[:2], (dx, dy), strict=True):
+        square = (lo**2 + lo * hi + hi**2 - low**2 - low * high - high**2) / 3
+        slopes.append(sqrt(max(square, 0.0)) / camera.main_lens.object_distance_mm * dz / side)
+    return slopes[0], slopes[1]
+
+
+def _tilted(plane: PlaneError, slope: tuple[float, float]) -> PlaneError:
+    x, y, z = plane.rms
+    return PlaneError(plane.z_mm, (hypot(x, slope[0] * z), hypot(y, slope[1] * z), z))
+
+
+def _over_the_field(errors: Errors, slope: tuple[float, float]) -> Errors:
+    """The same errors with what lines of sight beside the axis add."""
+
+    def tilted(rms: tuple[float, ...]) -> tuple[float, ...]:
+        return hypot(rms[0], slope[0] * rms[2]), hypot(rms[1], slope[1] * rms[2]), rms[2]
+
+    bands = tuple(replace(band, rms=tilted(band.rms)) for band in errors.by_depth)
+    return replace(errors, rms=tilted(errors.rms), by_depth=bands)
 
 
 def _mean(planes: tuple[PlaneError, ...]) -> PlaneError:
