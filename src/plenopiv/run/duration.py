@@ -19,7 +19,7 @@ TRACE = 7.7e-10  # s, a pixel in a plane, asked by dense ray tracing
 VOXEL = 5.5e-7  # s, a voxel: ruled out, listed, or corrected in the first round
 EVERY_VOXEL = 1.0e-7  # s, a voxel in one round where all are candidates
 WINDOW = 2.0e-8  # s, a voxel of a window in one pass
-START = 2.2  # s, calibration, libraries, report
+START = 7.5  # s, calibration, libraries, report with its figures
 
 
 @dataclass(frozen=True)
