@@ -8,14 +8,13 @@ with exact areas. Writes candidates-over-depth.png and results/candidates_over_d
 
 from __future__ import annotations
 
-import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from outputs import command_line, write_numbers, write_picture
 from single_particle_figures import zone
 from single_particles import DEPTHS, LIT, RAYS, places
 from small_camera import CAMERA, LAYOUT, VOXEL_MM, grid, noise_free
@@ -25,7 +24,6 @@ from plenopiv.projection.projector import Projector
 from plenopiv.reconstruction.candidates import dark_to_light
 from plenopiv.report.figures import BLUE, GREEN, STYLE
 
-ROOT = Path(__file__).parents[1]
 ACROSS = 65  # voxels along x and y: four microlenses
 PLACES = 4
 WEIGHTS = {"9-rays": "nine rays a pixel", "exact": "exact areas"}
@@ -87,17 +85,9 @@ def main(out: Path, reduced: bool = False) -> None:
         if r["place"] == 0:
             print(f"z = {r['at_mm'][2]:+.3f} mm, {r['weights']}: {r['voxels']} voxels in {r['planes']} planes")
     results = {"dead_zone_mm": CAMERA.dead_zone_mm(), "rows": rows}
-    target = out / "paper" / "results" / "candidates_over_depth.json"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(json.dumps(results, indent=0) + "\n")
-    folder = out / "docs" / "images" / "paper"
-    folder.mkdir(parents=True, exist_ok=True)
-    figure_of(results).savefig(folder / "candidates-over-depth.png", dpi=85, facecolor="white")
+    write_numbers(out, "candidates_over_depth", results, indent=0)
+    write_picture(out, "candidates-over-depth", figure_of(results), dpi=85)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=ROOT, help="folder for paper/results and docs/images/paper")
-    parser.add_argument("--reduced", action="store_true", help="a version of seconds")
-    asked = parser.parse_args()
-    main(asked.out, asked.reduced)
+    command_line(main, __doc__)

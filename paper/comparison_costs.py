@@ -21,16 +21,9 @@ LISTED_BYTES = 40.0  # a listed voxel while its frame is reconstructed, the fram
 
 def light_field_cost(setting: LightFieldSetting) -> tuple[float, float]:
     """Bytes and seconds of LF-PIV; simulation left out."""
-    camera, settings = camera_of(setting), ReconstructionSettings()
+    camera = camera_of(setting)
     correlation = CorrelationSettings(windows=setting.windows, overlap=setting.overlap)
-    takes = duration.estimate(
-        camera,
-        setting.grid,
-        rounds=settings.iterations,
-        windows=correlation.passes,
-        overlap=setting.overlap,
-        threads=numba.get_num_threads(),
-    )
+    takes = duration.of_settings(camera, setting.grid, ReconstructionSettings(), correlation, numba.get_num_threads())
     return memory.estimate(camera, setting.grid).peak, takes.run(2)
 
 
@@ -39,11 +32,7 @@ def tomo_cost(setting: TomoSetting) -> tuple[float, float]:
     grid = setting.grid
     frame = CAMERAS * grid.size * (SIGHT + LISTED * TomographySettings.iterations * CORRECT)
     correlation = CorrelationSettings(windows=setting.windows, overlap=setting.overlap)
-    pair = 0.0
-    for window in correlation.passes:
-        along = zip(grid.shape[::-1], window, strict=True)
-        count = prod(max(1, (total - n) // max(1, round(n * (1 - setting.overlap))) + 1) for total, n in along)
-        pair += duration.WINDOW * count * prod(window)
+    pair = duration.correlation_s(grid, correlation.passes, setting.overlap)
     layer = 4.0 * 2 * prod(grid.shape[1:]) * setting.windows[0][2]
     peak = memory.BASE + LISTED_BYTES * LISTED * grid.size + layer
     return peak, (2 * frame + pair) / numba.get_num_threads()

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from math import ceil
+from dataclasses import dataclass, field
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING
 
@@ -16,10 +15,9 @@ from plenopiv.accuracy import exact_volume
 from plenopiv.cameras.coverage import seen_by_every_view_mm
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.presets import preset
-from plenopiv.design.twin import NOISE, OFFSET, TURN_RAD, WAVELENGTH_NM
+from plenopiv.design.twin import NOISE, WAVELENGTH_NM, mounted, seeing
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
-from plenopiv.lattice import Lattice
 from plenopiv.lightfield import decode, layout
 from plenopiv.projection.projector import Projector
 from plenopiv.reconstruction.chain import Reconstruction, reconstruct
@@ -74,20 +72,7 @@ class Measured:
 
 def camera_of(setting: LightFieldSetting) -> PlenopticCamera:
     """The camera, its sensor no larger than what the light of the volume needs, its lattice turned and off the axis."""
-    camera = preset(setting.camera)
-    sensor, pitch = camera.sensor, camera.lattice.pitch_mm
-    x, y, depth = setting.volume_mm
-    pixel = sensor.pixel_pitch_mm / (1 + camera.image_scale)
-    columns, rows = (2 * ceil(max(_reach(camera, max(-lo, hi), z) for z in depth) / pixel) + 2 for lo, hi in (x, y))
-    smaller = replace(sensor, columns=min(columns, sensor.columns), rows=min(rows, sensor.rows))
-    lattice = Lattice(camera.lattice.kind, pitch, TURN_RAD, (OFFSET[0] * pitch, OFFSET[1] * pitch))
-    return replace(camera, sensor=smaller, lattice=lattice)
-
-
-def _reach(camera: PlenopticCamera, off_axis_mm: float, z_mm: float) -> float:
-    """How far from the axis the light of a point falls on the microlenses, in mm."""
-    blur = 0.5 * camera.main_lens.aperture_mm * abs(float(camera.spread(z_mm)))
-    return abs(float(camera.scale(z_mm))) * off_axis_mm + blur
+    return mounted(seeing(preset(setting.camera), setting.volume_mm))
 
 
 def seeded(setting: LightFieldSetting, flow: Velocity, seed: int) -> Frames:

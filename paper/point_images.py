@@ -6,8 +6,6 @@ results/point_images.json.
 
 from __future__ import annotations
 
-import argparse
-import json
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from outputs import command_line, write_numbers, write_picture
 from small_camera import CAMERA, ELECTRONS, LAYOUT, LIGHT
 
 from plenopiv.lightfield import decode
@@ -22,7 +21,6 @@ from plenopiv.report.figures import INK, ORANGE, STYLE
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
 
-ROOT = Path(__file__).parents[1]
 DEPTHS_MM = (0.0, 0.385, -0.385)
 RAYS = 2_000_000
 LIT = 0.01  # of a pixel that the point in focus lights: fainter ones are not counted
@@ -73,17 +71,9 @@ def main(out: Path, reduced: bool = False) -> None:
     counts = {z: lit(image) for z, image in images.items()}
     for z, found in counts.items():
         print(f"z = {z:+.3f} mm: {found}")
-    target = out / "paper" / "results" / "point_images.json"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(json.dumps({f"{z:+.3f}": found for z, found in counts.items()}, indent=1) + "\n")
-    folder = out / "docs" / "images" / "paper"
-    folder.mkdir(parents=True, exist_ok=True)
-    figure_of(images, counts).savefig(folder / "point-images.png", dpi=110, facecolor="white")
+    write_numbers(out, "point_images", {f"{z:+.3f}": found for z, found in counts.items()})
+    write_picture(out, "point-images", figure_of(images, counts), dpi=110)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=ROOT, help="folder for paper/results and docs/images/paper")
-    parser.add_argument("--reduced", action="store_true", help="a version of seconds")
-    asked = parser.parse_args()
-    main(asked.out, asked.reduced)
+    command_line(main, __doc__)

@@ -17,7 +17,6 @@ single-particles-quality.png and results/single_particles.json.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from outputs import command_line
 from single_particle_figures import draw
 from small_camera import ACROSS, CAMERA, LAYOUT, LIGHT, VOXEL_MM, Found, Method, grid, noise_free, reconstructed
 
@@ -39,7 +39,6 @@ from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
 from plenopiv.volume import SparseVolume
 
-ROOT = Path(__file__).parents[1]
 DEPTHS = tuple(range(-26, 27))  # planes of voxels, 0.077 mm apart
 RAYS = 400_000  # of a particle's image
 LIT = 1.0  # counts, of some hundreds: a lit pixel
@@ -208,8 +207,4 @@ def main(out: Path, reduced: bool = False) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=ROOT, help="folder for paper/results and docs/images/paper")
-    parser.add_argument("--reduced", action="store_true", help="a version of seconds")
-    asked = parser.parse_args()
-    main(asked.out, asked.reduced)
+    command_line(main, __doc__)

@@ -8,8 +8,6 @@ results/time_and_density.json.
 
 from __future__ import annotations
 
-import argparse
-import json
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,7 @@ import numba
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from outputs import command_line, write_numbers, write_picture
 from small_camera import ACROSS, CAMERA, ELECTRONS, LAYOUT, LIGHT, Found, grid, reconstructed
 
 from plenopiv.accuracy import exact_volume, reconstruction_quality
@@ -31,7 +30,6 @@ from plenopiv.simulation.particles import Particles, seed_box
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
 from plenopiv.volume import VoxelGrid
 
-ROOT = Path(__file__).parents[1]
 DENSITIES = (1.0, 2.0, 3.0, 4.0)  # particles per microlens
 NOISE, STRAY = SensorNoise(0.5, 3.0), 4.0  # counts per electron and read noise in electrons; electrons in every pixel
 SPREAD = 0.25  # of the particles' light, relative
@@ -116,18 +114,10 @@ def figure_of(rows: list[Row]) -> Figure:
 def main(out: Path, reduced: bool = False) -> None:
     """Measure, print, write JSON and figure into ``out``; ``reduced``: a small volume and two densities."""
     rows = measure(49, (1.0, 2.0)) if reduced else measure(ACROSS, DENSITIES)
-    target = out / "paper" / "results" / "time_and_density.json"
-    target.parent.mkdir(parents=True, exist_ok=True)
     about = {"threads": numba.get_num_threads(), "electrons_per_pixel": ELECTRONS, "rows": rows}
-    target.write_text(json.dumps(about, indent=1) + "\n")
-    folder = out / "docs" / "images" / "paper"
-    folder.mkdir(parents=True, exist_ok=True)
-    figure_of(rows).savefig(folder / "time-and-density.png", dpi=90, facecolor="white")
+    write_numbers(out, "time_and_density", about)
+    write_picture(out, "time-and-density", figure_of(rows), dpi=90)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=ROOT, help="folder for paper/results and docs/images/paper")
-    parser.add_argument("--reduced", action="store_true", help="a version of seconds")
-    asked = parser.parse_args()
-    main(asked.out, asked.reduced)
+    command_line(main, __doc__)

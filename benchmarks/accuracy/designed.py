@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +19,8 @@ from plenopiv.accuracy import Score, pooled, score_velocity
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.presets import preset
 from plenopiv.design.advice import Measurement, suggested
-from plenopiv.design.twin import DT_S, OFFSET, SHIFT, TURN_RAD, twin
+from plenopiv.design.twin import DT_S, SHIFT, mounted, twin
 from plenopiv.experiment import Experiment
-from plenopiv.lattice import Lattice
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.recording import simulate_recording
 
@@ -35,11 +33,9 @@ BEGIN, END = "<!-- designed: begin -->", "<!-- designed: end -->"
 def recorded(camera: PlenopticCamera, measured: Measurement, folder: Path, seed: int) -> Score:
     """One recording, run and scored."""
     moved = [1e-3 * share * side / DT_S for share, side in zip(SHIFT, measured.window_mm, strict=True)]
-    pitch = camera.lattice.pitch_mm
-    lattice = Lattice(camera.lattice.kind, pitch, TURN_RAD, (OFFSET[0] * pitch, OFFSET[1] * pitch))
     simulate_recording(
         folder,
-        replace(camera, lattice=lattice),
+        mounted(camera),
         flow("uniform", velocity_m_s=moved),
         dt_s=DT_S,
         volume_mm=measured.limits_mm,

@@ -24,16 +24,8 @@ COSTS = ("READ", "TRACE", "VOXEL", "WINDOW")
 
 def predicted(experiment: Experiment) -> duration.TimeEstimate:
     """As the run itself says."""
-    correlation = experiment.correlation.settings()
-    return duration.estimate(
-        experiment.camera(),
-        experiment.grid(),
-        rounds=experiment.reconstruction.iterations,
-        windows=correlation.passes,
-        overlap=correlation.overlap,
-        threads=numba.get_num_threads(),
-        every_voxel=experiment.reconstruction.method == "mart",
-    )
+    settings = experiment.reconstruction.settings(), experiment.correlation.settings()
+    return duration.of_settings(experiment.camera(), experiment.grid(), *settings, numba.get_num_threads())
 
 
 def draw(found: dict[str, tuple[float, ...]]) -> None:

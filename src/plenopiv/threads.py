@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache
 from itertools import pairwise
 from queue import SimpleQueue
 from threading import Thread
@@ -31,7 +31,7 @@ def _work(jobs: SimpleQueue) -> None:
         del kernel, arguments, done  # arrays are not held while nothing is to do
 
 
-@lru_cache(maxsize=1)
+@cache  # an evicted queue would leave its threads waiting for ever
 def _jobs(threads: int) -> SimpleQueue:
     """The queue that so many threads of this process work off; handing over takes a tenth of what futures take."""
     jobs: SimpleQueue = SimpleQueue()

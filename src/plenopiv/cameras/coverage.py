@@ -9,6 +9,7 @@ With R the radius of the main lens' aperture and W half the width of the sensor 
 
 from __future__ import annotations
 
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +37,18 @@ def seen_by_every_view_mm(camera: PlenopticCamera, z_mm: ArrayLike) -> tuple[NDA
     demagnified = 1.0 / np.abs(camera.scale(z_mm))
     half_x, half_y = half_sensor_mm(camera)
     return (half_x - blur) * demagnified, (half_y - blur) * demagnified
+
+
+def pixels_that_see(
+    camera: PlenopticCamera, half_mm: tuple[float, float], depth_mm: tuple[float, float]
+) -> tuple[int, int]:
+    """The fewest columns and rows, even, on which every view sees |x| and |y| up to ``half_mm`` at both ends of a
+    depth: the inverse of ``seen_by_every_view_mm``."""
+    pixel = camera.sensor.pixel_pitch_mm / (1.0 + camera.image_scale)
+    blur = np.abs(camera.spread(depth_mm)) * 0.5 * camera.main_lens.aperture_mm
+    reach = [float((np.abs(camera.scale(depth_mm)) * half + blur).max()) for half in half_mm]
+    columns, rows = (2 * ceil(r / pixel) + 2 for r in reach)
+    return columns, rows
 
 
 def coverage(camera: PlenopticCamera, limits_mm, samples: int = 41) -> Coverage:

@@ -66,6 +66,13 @@ class PlenopticCamera:
         return self.lattice.pitch_mm / self.sensor.pixel_pitch_mm
 
     @property
+    def microlenses(self) -> float:
+        """How many micro-images fit on the sensor, by area."""
+        sensor = self.sensor
+        area = sensor.columns * sensor.rows * sensor.pixel_pitch_mm**2
+        return area / (self.lattice.cell_area_mm2 * (1.0 + self.image_scale) ** 2)
+
+    @property
     def matched_aperture_mm(self) -> float:
         """The aperture whose images just touch: P_m = S_i p_l / f_l (f-number matching)."""
         return self.main_lens.image_distance_mm * self.lattice.pitch_mm / self.microlens_focal_length_mm

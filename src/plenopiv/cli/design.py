@@ -74,14 +74,7 @@ def _camera(sheet: str) -> tuple[PlenopticCamera, tuple[float, float] | None]:
 def costs(optics: Optics) -> dict[str, float]:
     """Voxels, and what a run on a pair of frames takes, on two threads: GB, s."""
     camera, grid, correlation = optics.camera, optics.measurement.grid, CorrelationSettings(optics.measurement.windows)
-    takes = duration.estimate(
-        camera,
-        grid,
-        rounds=ReconstructionSettings.iterations,
-        windows=correlation.passes,
-        overlap=correlation.overlap,
-        threads=2,
-    )
+    takes = duration.of_settings(camera, grid, ReconstructionSettings(), correlation, threads=2)
     return {
         "voxels": grid.size,
         "memory_gb": memory.estimate(camera, grid).peak / 1e9,

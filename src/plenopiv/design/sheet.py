@@ -120,18 +120,17 @@ def _scaled(depth_mm: tuple[float, float], camera: PlenopticCamera, other: Pleno
 
 def optics(camera: PlenopticCamera, depth_mm: tuple[float, float] | None = None, name: str = "camera") -> Optics:
     """The numbers of a camera that follow from its geometry. Errors as ``advice.suggested``."""
-    measurement, sensor = suggested(camera, depth_mm), camera.sensor
+    measurement = suggested(camera, depth_mm)
     z = np.linspace(*measurement.limits_mm[2], DEPTHS)
     field = np.stack(seen_by_every_view_mm(camera, z), 1)
     rays = fan_mm(camera)
     across, depth = (mean_free_shift(camera, z, e, rays) for e in ((0, 1, 0), (0, 0, 1)))
     rows = zip(z, field, across.mean_mm, across.largest_mm, depth.mean_mm, depth.largest_mm, strict=True)
-    area = sensor.columns * sensor.rows * sensor.pixel_pitch_mm**2
     return Optics(
         name,
         camera,
         measurement,
-        microlenses=round(area / (camera.lattice.cell_area_mm2 * (1 + camera.image_scale) ** 2)),
+        microlenses=round(camera.microlenses),
         views=round(pi * camera.aperture_radius_px**2),
         dead_zone_mm=camera.dead_zone_mm(),
         overlap=overlap(camera, measurement.limits_mm[2]),

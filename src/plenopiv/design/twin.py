@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.accuracy.velocity import Errors, Score, pooled, score_velocity
+from plenopiv.cameras.coverage import pixels_that_see
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.design.advice import Measurement
+from plenopiv.design.advice import Limits, Measurement
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.lattice import Lattice
@@ -90,15 +91,21 @@ def cut(
     deep = max(2 * (depth[1] - depth[0]) / window[2] - 1, 1)
     across = min(max(ACROSS[0], ceil(sqrt(vectors / deep))), ACROSS[1])
     x, y = (_shorter(side, (across + 1) * width / 2) for side, width in zip((x, y), window[:2], strict=True))
-    pixel = camera.sensor.pixel_pitch_mm / (1 + camera.image_scale)
-    blur = [0.5 * camera.main_lens.aperture_mm * abs(float(camera.spread(z))) for z in depth]
-    reach = [(abs(float(camera.scale(z))), b) for z, b in zip(depth, blur, strict=True)]
-    columns, rows = (2 * ceil(max(scale * side[1] + b for scale, b in reach) / pixel) + 2 for side in (x, y))
-    sensor = camera.sensor
+    return mounted(seeing(camera, (x, y, depth))), replace(measurement, limits_mm=(x, y, depth))
+
+
+def seeing(camera: PlenopticCamera, limits_mm: Limits) -> PlenopticCamera:
+    """The camera with no more of its sensor, about the axis, than the light of a volume takes."""
+    sensor, (x, y, depth) = camera.sensor, limits_mm
+    columns, rows = pixels_that_see(camera, (max(-x[0], x[1]), max(-y[0], y[1])), depth)
+    return replace(camera, sensor=replace(sensor, columns=min(columns, sensor.columns), rows=min(rows, sensor.rows)))
+
+
+def mounted(camera: PlenopticCamera) -> PlenopticCamera:
+    """The camera with its lattice turned and off the axis, as lattices are."""
     pitch = camera.lattice.pitch_mm
     lattice = Lattice(camera.lattice.kind, pitch, TURN_RAD, (OFFSET[0] * pitch, OFFSET[1] * pitch))
-    smaller = replace(sensor, columns=min(columns, sensor.columns), rows=min(rows, sensor.rows))
-    return replace(camera, sensor=smaller, lattice=lattice), replace(measurement, limits_mm=(x, y, depth))
+    return camera.with_lattice(lattice)
 
 
 def _shorter(side: tuple[float, float], length: float) -> tuple[float, float]:

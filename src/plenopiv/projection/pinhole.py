@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from plenopiv.cameras.pinhole import PinholeCamera, share_seen
 from plenopiv.errors import PlenoPIVError
 from plenopiv.projection import shadows
+from plenopiv.projection.protocol import correct
 from plenopiv.projection.shadows import Sight
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
@@ -104,8 +105,7 @@ class PinholeProjector:
     def multiply(self, views: ArrayLike, corrections: NDArray[np.float32], volume: SparseVolume) -> None:
         """Multiply each voxel by 1 plus the share-weighted sum of ``corrections`` over the pixels that it lights, or
         empty it where that is negative; n cameras at once whose corrections sum to S < 0 by (1 + S/n)^n."""
-        total, count = self.gather(views, corrections, volume), np.size(views)
-        volume.values[:] *= np.where(total >= 0, 1 + total, np.maximum(1 + total / count, 0) ** count)
+        correct(volume, self.gather(views, corrections, volume), np.size(views))
 
     def lit_in_every_camera(self, images: NDArray[np.float32], threshold: float) -> SparseVolume:
         """The voxels whose shadow meets more than ``threshold`` counts in every camera of ``images`` (camera, pixel).

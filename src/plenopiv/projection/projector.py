@@ -14,6 +14,7 @@ from plenopiv.projection import geometry, pixels, pruning, sparse
 from plenopiv.projection.borders import borders_coincide, too_dark_together
 from plenopiv.projection.mapped import MappedViews
 from plenopiv.projection.maps import ACROSS
+from plenopiv.projection.protocol import correct
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
 
@@ -122,8 +123,7 @@ class Projector:
         if self.mapped is not None:
             self.mapped.multiply(np.atleast_1d(views), np.atleast_2d(corrections), volume)
         else:
-            total, count = self.gather(views, corrections, volume), np.size(views)
-            volume.values[:] *= np.where(total >= 0, 1 + total, np.maximum(1 + total / count, 0) ** count)
+            correct(volume, self.gather(views, corrections, volume), np.size(views))
 
     def light_of_planes(self) -> NDArray[np.float32]:
         """Share of a voxel's light that a wholly lit pixel collects, by plane (nz,)."""

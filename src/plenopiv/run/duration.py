@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from math import pi, prod
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.volume import VoxelGrid
 
 READ = 5.1e-9  # s, a pixel in a plane, forth and back in one round
@@ -50,18 +52,39 @@ def estimate(
     every_voxel: bool = False,
 ) -> TimeEstimate:
     """Estimate the time of a run. ``windows``: of each pass in turn, voxels along x, y, z."""
-    sensor = camera.sensor
-    area = sensor.columns * sensor.rows * sensor.pixel_pitch_mm**2
-    lenses = area / (camera.lattice.cell_area_mm2 * (1 + camera.image_scale) ** 2)
-    pixels = lenses * pi * camera.aperture_radius_px**2 * grid.shape[0]  # as often as there are planes
+    pixels = camera.microlenses * pi * camera.aperture_radius_px**2 * grid.shape[0]  # as often as there are planes
     frame = rounds * READ * pixels + VOXEL * grid.size
     frame += rounds * EVERY_VOXEL * grid.size if every_voxel else TRACE * pixels
+    return TimeEstimate(frame / threads, correlation_s(grid, windows, overlap) / threads)
+
+
+def correlation_s(grid: VoxelGrid, windows: Iterable[tuple[int, int, int]], overlap: float) -> float:
+    """Seconds of one core for a pair's passes."""
     pair = 0.0
     for window in windows:
         along = zip(grid.shape[::-1], window, strict=True)
         count = prod(max(1, (total - n) // max(1, round(n * (1 - overlap))) + 1) for total, n in along)
         pair += WINDOW * count * prod(window)
-    return TimeEstimate(frame / threads, pair / threads)
+    return pair
+
+
+def of_settings(
+    camera: PlenopticCamera,
+    grid: VoxelGrid,
+    reconstruction: ReconstructionSettings,
+    correlation: CorrelationSettings,
+    threads: int,
+) -> TimeEstimate:
+    """``estimate`` of a run with these settings."""
+    return estimate(
+        camera,
+        grid,
+        rounds=reconstruction.iterations,
+        windows=correlation.passes,
+        overlap=correlation.overlap,
+        threads=threads,
+        every_voxel=reconstruction.method == "mart",
+    )
 
 
 def spoken(seconds: float) -> str:

@@ -109,15 +109,8 @@ def run(
             recording.frame(k)
         log.info("memory: about %.2g GB", needed.peak / 1e9)
         correlation = experiment.correlation.settings()
-        takes = duration.estimate(
-            camera,
-            projector.grid,
-            rounds=experiment.reconstruction.iterations,
-            windows=correlation.passes,
-            overlap=correlation.overlap,
-            threads=numba.get_num_threads(),
-            every_voxel=experiment.reconstruction.method == "mart",
-        )
+        settings = experiment.reconstruction.settings()
+        takes = duration.of_settings(camera, projector.grid, settings, correlation, numba.get_num_threads())
         log.info("time: about %s", duration.spoken(takes.run(len(recording))))
         if memory_gb is not None:
             needed.keep_within(1e9 * memory_gb)
@@ -129,7 +122,7 @@ def run(
                 found = reconstruct(
                     decode(image, where),
                     projector,
-                    experiment.reconstruction.settings(),
+                    settings,
                     counts_per_electron=gain,
                     name=name,
                     progress=partial(report, f"reconstruction of {name}"),

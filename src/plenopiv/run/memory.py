@@ -60,8 +60,7 @@ def estimate(camera: PlenopticCamera, grid: VoxelGrid, *, every_voxel: bool = Fa
     """Estimate the peak memory of a run on one pair of frames; ``every_voxel``: without dense ray tracing."""
     sensor = camera.sensor
     pixels = sensor.columns * sensor.rows
-    area = pixels * sensor.pixel_pitch_mm**2
-    lenses = 1.1 * area / (camera.lattice.cell_area_mm2 * (1 + camera.image_scale) ** 2)
+    lenses = 1.1 * camera.microlenses
     views = pi * (camera.aperture_radius_px + 0.6) ** 2
     layout = lenses * views * 5  # share (float32) and seen (bool)
     frame = lenses * views * 9  # values, their floor-lifted copy and masks

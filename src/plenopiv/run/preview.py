@@ -12,15 +12,13 @@ import shutil
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
-from math import ceil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tifffile
 
-from plenopiv.cameras.coverage import seen_by_every_view_mm
-from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.cameras.coverage import pixels_that_see, seen_by_every_view_mm
 from plenopiv.design.advice import Limits, Window
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
@@ -86,7 +84,8 @@ def cropped(experiment: Experiment) -> tuple[Sensor, dict[str, Any]]:
     ]
     if any(not lo < 0 < hi for lo, hi in wanted):
         raise PlenoPIVError(f"{experiment.path}: volume leaves out the optical axis, where a preview looks")
-    part = middle(camera.sensor, *_pixels(camera, wanted, volume.z_mm))
+    half_x, half_y = (max(-lo, hi) for lo, hi in wanted)
+    part = middle(camera.sensor, *pixels_that_see(camera, (half_x, half_y), volume.z_mm))
     seen = seen_by_every_view_mm(replace(camera, sensor=part), volume.z_mm)
     limits = [
         (max(lo, -float(reach.min())), min(hi, float(reach.min())))
@@ -111,16 +110,6 @@ def cropped(experiment: Experiment) -> tuple[Sensor, dict[str, Any]]:
     tables["output"]["directory"] = ".."
     tables.pop("simulation", None)
     return part, tables
-
-
-def _pixels(camera: PlenopticCamera, wanted: Sequence[tuple[float, float]], z_mm: Sequence[float]) -> tuple[int, int]:
-    """Columns and rows whose every view sees |x| and |y| up to ``wanted`` at both ends of the depth."""
-    blur = np.abs(camera.spread(z_mm)) * 0.5 * camera.main_lens.aperture_mm
-    half = [np.abs(camera.scale(z_mm)) * max(-lo, hi) + blur for lo, hi in wanted]
-    columns, rows = (
-        ceil(2 * float(h.max()) * (1 + camera.image_scale) / camera.sensor.pixel_pitch_mm) + 2 for h in half
-    )
-    return columns, rows
 
 
 def _windows(windows: Sequence[Window], limits: Limits, voxel_mm: tuple[float, float, float]) -> list[list[int]]:
