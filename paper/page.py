@@ -67,7 +67,7 @@ METHODS = {
     "mart": "MART",
     "bound": "DRT-MART",
     "product": "DRT-MART, the paper's product",
-    "tolerant": "DRT-MART, 0.2 of a particle",
+    "strict": "DRT-MART, as strict as in a crowd",
 }
 SERIES = {"axis": "on the axis, no noise", "spread": "over a microlens, no noise", "noisy": "over a microlens, noise"}
 

@@ -10,7 +10,7 @@ Particles from z = -2 to 2 mm in steps of 0.077 mm, without noise. Series:
     spread     at eight places spread over a microlens, every fourth depth
     noisy      at four of them, one image of each with photon and read noise and a little stray light
 
-Methods: MART, DRT-MART ("bound"), the same with fainter particles allowed for ("tolerant"), the paper's "product". All
+Methods: MART, DRT-MART ("bound"), the same as strict as in a crowd of particles ("strict"), the paper's "product". All
 series but one in a volume of 129 x 129 x 57 voxels about the axis. Writes single-particles.png,
 single-particles-quality.png and results/single_particles.json.
 """
@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from math import pi
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ from small_camera import ACROSS, CAMERA, LAYOUT, LIGHT, VOXEL_MM, Found, Method,
 from plenopiv.accuracy import exact_volume, intensity_centre_mm, reconstruction_quality
 from plenopiv.lightfield import LightField, decode
 from plenopiv.projection.projector import Projector
-from plenopiv.reconstruction.candidates import FAINTEST_PARTICLE, lit_threshold
+from plenopiv.reconstruction.candidates import CROWDED, faintest_share, lit_threshold
 from plenopiv.reconstruction.chain import THIN
 from plenopiv.reconstruction.noise import Noise, dark_noise
 from plenopiv.simulation.images import particle_image
@@ -52,7 +53,6 @@ EXACT = {
     "point": (1e-3, 1e-3, 1e-3),  # all light in the voxel that holds it
     "wide": (9.33, 9.33, 3.0),  # three of the voxels that runs have by default: 51 um, pitch / 4.5 each
 }
-SHARES = {"bound": FAINTEST_PARTICLE, "tolerant": 0.5 * FAINTEST_PARTICLE}  # of a particle that a voxel must hold
 NOISE, STRAY = SensorNoise(0.5, 3.0), 4.0  # counts per electron and read noise in electrons; electrons in every pixel
 Row = dict[str, Any]
 
@@ -88,8 +88,14 @@ def spans(volume: SparseVolume) -> int:
 
 
 def start_of(method: str) -> Method:
-    """What ``reconstructed`` calls a method: "tolerant" is the bound of fainter particles."""
+    """What ``reconstructed`` calls a method: "strict" is the bound of a crowd."""
     return "mart" if method == "mart" else "product" if method == "product" else "bound"
+
+
+def faintest_of(method: str, lightfield: LightField, light: float) -> float:
+    """The light that a voxel must be able to hold, in counts, where a particle is ``light`` counts."""
+    in_focus = light / (pi * CAMERA.aperture_radius_px**2)
+    return light * (CROWDED if method == "strict" else faintest_share(lightfield, in_focus))
 
 
 def rows_of(
@@ -99,7 +105,7 @@ def rows_of(
     lit = lightfield.values > LIT
     seen = {"lenses": int(lit.any(0).sum()), "pixels": int(lit.sum())}
     for method in methods:
-        start, faintest = start_of(method), SHARES.get(method, 0.0) * LIGHT
+        start, faintest = start_of(method), faintest_of(method, lightfield, LIGHT)
         found = reconstructed(lightfield, projector, start, faintest=faintest, **options)
         yield row(series, method, at_mm, found) | seen
 
@@ -110,8 +116,8 @@ def noisy_rows(at_mm: NDArray, projector: Projector, seed: int, rays: int) -> It
     lightfield = decode(digitise(mean, CAMERA.sensor, NOISE, np.random.default_rng(seed)), LAYOUT)
     noise = Noise(dark_noise(lightfield), NOISE.gain)
     lit = lit_threshold(lightfield, noise)
-    for method in ("mart", "bound", "product", "tolerant"):
-        start, faintest = start_of(method), SHARES.get(method, 0.0) * LIGHT * NOISE.gain
+    for method in ("mart", "bound", "product", "strict"):
+        start, faintest = start_of(method), faintest_of(method, lightfield, LIGHT * NOISE.gain)
         found = reconstructed(lightfield, projector, start, faintest=faintest, lit=lit, noise=noise)
         yield row("noisy", method, at_mm, found)
 
@@ -124,7 +130,7 @@ def measure(across: int, narrow: int, depths: tuple[int, ...], count: int, rays:
     for depth in depths:
         at = np.array([0.0, 0.0, depth * VOXEL_MM[2]])
         lightfield = noise_free(at, rays)
-        rows += rows_of("axis", (*three, "tolerant"), at, lightfield, near)
+        rows += rows_of("axis", (*three, "strict"), at, lightfield, near)
         rows += rows_of("areas", three[1:], at, lightfield, areas)
         rows += rows_of("nine rays", three[2:], at, lightfield, nine)
         if depth in depths[::4]:
@@ -136,7 +142,7 @@ def measure(across: int, narrow: int, depths: tuple[int, ...], count: int, rays:
     for depth in depths[::4]:
         for seed, (x, y) in enumerate(places(count)):
             at = np.array([x, y, depth * VOXEL_MM[2]])
-            rows += rows_of("spread", (*three, "tolerant"), at, noise_free(at, rays), near)
+            rows += rows_of("spread", (*three, "strict"), at, noise_free(at, rays), near)
             if seed < max(count // 2, 1):
                 rows += noisy_rows(at, near, seed, rays)
         print(f"z = {depth * VOXEL_MM[2]:+.3f} mm: {count} places", flush=True)

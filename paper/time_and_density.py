@@ -21,7 +21,7 @@ from small_camera import ACROSS, CAMERA, ELECTRONS, LAYOUT, LIGHT, Found, grid, 
 from plenopiv.accuracy import exact_volume, reconstruction_quality
 from plenopiv.lightfield import LightField, decode
 from plenopiv.projection.projector import Projector
-from plenopiv.reconstruction.candidates import FAINTEST_PARTICLE, lit_threshold, typical_particle
+from plenopiv.reconstruction.candidates import faintest_share, lit_threshold, typical_particle
 from plenopiv.reconstruction.chain import THIN
 from plenopiv.reconstruction.noise import Noise, dark_noise
 from plenopiv.report.figures import BLUE, GREEN, ORANGE, STYLE
@@ -51,7 +51,9 @@ def found_by(lightfield: LightField, projector: Projector, method: str, thin: fl
     """One reconstruction with the thresholds that a run would take from the image."""
     noise = Noise(dark_noise(lightfield), NOISE.gain)
     lit = lit_threshold(lightfield, noise)
-    faintest = max(FAINTEST_PARTICLE * typical_particle(lightfield, projector, noise), lit / projector.light_in_focus)
+    typical = typical_particle(lightfield, projector, noise)
+    share = faintest_share(lightfield, typical * projector.light_in_focus)
+    faintest = max(share * typical, lit / projector.light_in_focus)
     return reconstructed(lightfield, projector, method, faintest=faintest, lit=lit, noise=noise, thin=thin)  # type: ignore[arg-type]
 
 

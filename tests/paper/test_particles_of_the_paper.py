@@ -54,7 +54,7 @@ def test_single_particles(tmp_path):
     found = written(tmp_path, "single_particles", "single-particles", "single-particles-quality")
     rows = found["rows"]
     assert {r["series"] for r in rows} == {"axis", "whole", "thinned", "areas", "nine rays", "spread", "noisy"}
-    assert {r["method"] for r in rows if r["series"] == "axis"} == {"mart", "bound", "product", "tolerant"}
+    assert {r["method"] for r in rows if r["series"] == "axis"} == {"mart", "bound", "product", "strict"}
     for r in rows:
         assert all(0 < q <= 1 for q in r["q"].values())
         if abs(r["at_mm"][2]) > 0.5 and (r["series"], r["method"]) != ("noisy", "mart"):

@@ -5,8 +5,9 @@ import pytest
 from oracles.cameras import small_camera
 from oracles.naive_projection import exact_light
 
+from plenopiv.lattice import Lattice
 from plenopiv.lightfield import layout
-from plenopiv.projection.borders import borders_coincide
+from plenopiv.projection.borders import borders_coincide, nearest
 from plenopiv.projection.projector import Projector
 from plenopiv.volume import VoxelGrid
 
@@ -88,3 +89,11 @@ def test_borders_coincide_where_the_aperture_s_blur_is_less_than_half_a_voxel():
     grid = VoxelGrid((-0.06, -0.06, -0.4), VOXEL_MM, (21, 21, 21))
     coincide = [k for k in range(21) if borders_coincide(where, grid, k)]
     assert coincide == [k for k, z in enumerate(grid.axes()[2]) if abs(z) < reach] == [9, 10, 11]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_kernel_s_nearest_lens_is_the_lattice_s(kind):
+    lattice = Lattice(kind, 1.0)
+    points = np.random.default_rng(4).uniform(-5, 5, (2000, 2))
+    found = [nearest(kind == "hexagonal", lattice.row_spacing, a, b) for a, b in points]
+    assert np.array_equal(np.transpose(found), lattice.nearest(*points.T))

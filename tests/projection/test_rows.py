@@ -7,7 +7,7 @@ from oracles.cameras import small_camera
 from plenopiv.lightfield import layout
 from plenopiv.projection.maps import MOST_PARTS, PART, outer_products
 from plenopiv.projection.projector import Projector
-from plenopiv.projection.rows import pays, spread_row, sum_row
+from plenopiv.projection.rows import first_line, pays, spread_rows, sum_rows
 from plenopiv.volume import VoxelGrid
 
 NX = 90
@@ -32,22 +32,26 @@ def own(maps, k, rank):
     return maps.shares[maps.start[k, 0] :], maps.parts[maps.start[k, 1] :], rank
 
 
-def row(maps, k, listed, rng):
-    """Columns and values of a row, and a strip high enough for it."""
+def row(maps, k, j, listed, rng):
+    """Row j of a plane: its place in the list, columns and values; a strip high enough for it that begins with the
+    first row of the map that it reaches, and spare lines."""
+    row_start = np.zeros(j + 2, np.int64)
+    row_start[-1] = listed
     column = np.sort(rng.choice(NX, listed, replace=False)).astype(np.int32)
     _, width, rows, *_ = maps.shape[k]
     spare = np.empty((1 + (1 << maps.shape[:, 5].max()), maps.shape[:, 1].max()), np.float32)
-    return column, rng.random(listed).astype(np.float32), rng.random((rows + 3) * width).astype(np.float32), spare
+    where = j, j + 1, first_line(maps.shape[k], j), row_start, column
+    return where, rng.random(listed).astype(np.float32), rng.random((rows + 3) * width).astype(np.float32), spare
 
 
 @pytest.mark.parametrize("j", [0, 1, 3])
 def test_spread(maps, j):
     rng = np.random.default_rng(j)
     for k in planes_with(maps):
-        column, values, strip, spare = row(maps, k, NX - 4, rng)
+        where, values, strip, spare = row(maps, k, j, NX - 4, rng)
         slow = strip.copy()
-        spread_row(own(maps, k, maps.rank[k]), maps.shape[k], j, column, values, 0, column.size, strip, 2, spare)
-        spread_row(own(maps, k, 0), maps.shape[k], j, column, values, 0, column.size, slow, 2, spare)
+        spread_rows(own(maps, k, maps.rank[k]), maps.shape[k], *where, values, strip, spare)
+        spread_rows(own(maps, k, 0), maps.shape[k], *where, values, slow, spare)
         assert np.abs(strip - slow).max() < 5 * PART * np.abs(slow).max()
 
 
@@ -55,11 +59,11 @@ def test_spread(maps, j):
 def test_sum(maps, multiply):
     rng = np.random.default_rng(multiply)
     for k in planes_with(maps):
-        column, values, strip, spare = row(maps, k, NX - 4, rng)
+        where, values, strip, spare = row(maps, k, 2, NX - 4, rng)
         fast, slow = values.copy(), values.copy()
         for out, rank in ((fast, maps.rank[k]), (slow, 0)):
-            about = own(maps, k, rank), maps.shape[k], 2, column, 0, column.size
-            sum_row(*about, strip - np.float32(0.5), 2, spare, multiply, out)
+            about = own(maps, k, rank), maps.shape[k], *where
+            sum_rows(*about, strip - np.float32(0.5), spare, multiply, out)
         np.testing.assert_allclose(fast, slow, atol=5 * PART * np.abs(slow).max())
 
 

@@ -7,7 +7,17 @@ from oracles.cameras import small_camera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField, layout
 from plenopiv.projection.projector import Projector
-from plenopiv.reconstruction.candidates import BRIGHT_SHARE, LIT_MULTIPLE, lit_threshold, most_light, typical_particle
+from plenopiv.reconstruction.candidates import (
+    BRIGHT_SHARE,
+    CROWD,
+    CROWDED,
+    LIT_MULTIPLE,
+    LONE,
+    faintest_share,
+    lit_threshold,
+    most_light,
+    typical_particle,
+)
 from plenopiv.reconstruction.chain import reconstruct
 from plenopiv.reconstruction.noise import Noise, dark_noise
 from plenopiv.reconstruction.settings import ReconstructionSettings
@@ -41,6 +51,14 @@ def test_a_saturated_pixel_bounds_nothing():
     assert np.isinf(most_light(values, Noise(1.0))[WHERE.seen]).all()
     bound = most_light(field(np.full(WHERE.seen.shape, 96.0)), Noise(2.0, 1.0))
     np.testing.assert_allclose(bound[WHERE.seen], 96 + 2 * 10)
+
+
+def test_fainter_particles_are_looked_for_where_few_pixels_are_lit():
+    rng, particle = np.random.default_rng(3), 50.0
+    lit = {share: rng.random(WHERE.seen.shape) < share for share in (0.0, 0.5 * CROWD, 2 * CROWD)}
+    found = [faintest_share(field(1.1 * LONE * particle * where), particle) for where in lit.values()]
+    assert found == [LONE, pytest.approx(0.5 * (LONE + CROWDED), rel=0.05), CROWDED]
+    assert faintest_share(field(0.9 * LONE * particle * lit[2 * CROWD]), particle) == LONE  # haze is no particle
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.5])

@@ -11,13 +11,15 @@ Away from focus the borders lie elsewhere for each view, and others judge the vo
 
 from __future__ import annotations
 
+from math import cos, floor, sin
+
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.kernels import inlined, kernel
 from plenopiv.lightfield import Layout
+from plenopiv.threads import in_threads
 from plenopiv.volume import VoxelGrid
-
-ROWS = 32  # of voxels judged at a time: their microlenses fit in the cache
 
 
 def borders_coincide(layout: Layout, grid: VoxelGrid, plane: int) -> bool:
@@ -27,17 +29,17 @@ def borders_coincide(layout: Layout, grid: VoxelGrid, plane: int) -> bool:
     return apart < 0.5 * abs(float(camera.scale(z))) * min(grid.voxel_mm[:2])
 
 
-def too_dark_together(
+def rule_out_together(
     layout: Layout,
     grid: VoxelGrid,
     plane: int,
-    alive: NDArray[np.bool_],
+    alive: NDArray[np.uint8],
     bound: NDArray[np.float32],
     counts: float,
     views: NDArray[np.int64],
-) -> NDArray[np.bool_]:
-    """Of the voxels ``alive`` (ny, nx) of a plane, those that touch several microlenses and are ruled out by all
-    together, in one of ``views`` (whole pixels inside the aperture).
+) -> None:
+    """Of the voxels ``alive`` (ny, nx) of a plane, set those to 0 that touch several microlenses and are ruled out by
+    all together, in one of ``views`` (whole pixels inside the aperture).
 
     ``bound`` (view, lens): most counts that a pixel may have collected, inf where it is no equation. ``counts``: what a
     particle gives a wholly lit pixel in this plane. A voxel touches the microlenses that hold its middle, its corners
@@ -45,24 +47,60 @@ def too_dark_together(
     are not judged.
     """
     camera, (x, y, z) = layout.camera, grid.axes()
-    out = np.zeros_like(alive)
     depth = z[plane] + grid.voxel_mm[2] * np.array([-0.5, 0.5])
     blur, scale = np.abs(camera.spread(depth)).max() * 0.5 * camera.main_lens.aperture_mm, float(camera.scale(z[plane]))
-    half_x, half_y = (0.5 * abs(scale) * size + blur for size in grid.voxel_mm[:2])
-    if max(half_x, half_y) > 0.5 * camera.lattice.pitch_mm:
-        return out  # a microlens could lie between the points asked
-    step_t, step_s = (g.reshape(-1, 1) for g in np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"))
-    for lo in range(0, alive.shape[0], ROWS):
-        row, column = np.nonzero(alive[lo : lo + ROWS])
-        row += lo
-        i, j = camera.lattice.nearest(scale * x[column] + half_x * step_s, scale * y[row] + half_y * step_t)
-        inside = (i >= layout.i0) & (i < layout.i0 + layout.ni) & (j >= layout.j0) & (j < layout.j0 + layout.nj)
-        lens = np.sort(np.where(inside, (j - layout.j0) * layout.ni + i - layout.i0, layout.lenses), axis=0)
-        once = np.ones(lens.shape, bool)
-        once[1:] = lens[1:] != lens[:-1]
-        left = np.flatnonzero((once.sum(0) > 1) & (lens[-1] < layout.lenses))  # beyond them nothing is known
-        for view in views:
-            dark = np.where(once[:, left], bound[view, lens[:, left]], 0.0).sum(0) < counts
-            out[row[left[dark]], column[left[dark]]] = True
-            left = left[~dark]
-    return out
+    half_x, half_y = (float(0.5 * abs(scale) * size + blur) for size in grid.voxel_mm[:2])
+    lattice = camera.lattice
+    if max(half_x, half_y) > 0.5 * lattice.pitch_mm:
+        return  # a microlens could lie between the points asked
+    turned = cos(lattice.rotation_rad) / lattice.pitch_mm, sin(lattice.rotation_rad) / lattice.pitch_mm
+    about = lattice.kind == "hexagonal", lattice.row_spacing, *turned
+    box = layout.i0, layout.j0, layout.ni, layout.nj
+    s, t = scale * x - lattice.offset_mm[0], scale * y - lattice.offset_mm[1]
+    in_threads(judge_together, alive.shape[0], *about, box, s, t, half_x, half_y, bound, counts, views, alive)
+
+
+@inlined
+def nearest(hexagonal, row, a, b):
+    """The lens (i, j) whose cell holds lattice coordinates (pitches), as ``Lattice.nearest``."""
+    j = floor(b / row) if hexagonal else floor(b + 0.5)
+    i = floor(a - 0.5 * (j & 1) + 0.5) if hexagonal else floor(a + 0.5)
+    if hexagonal:
+        other = floor(a - 0.5 * ((j + 1) & 1) + 0.5)
+        here = (a - i - 0.5 * (j & 1)) ** 2 + (b - j * row) ** 2
+        above = (a - other - 0.5 * ((j + 1) & 1)) ** 2 + (b - (j + 1) * row) ** 2
+        if above < here:
+            i, j = other, j + 1
+    return i, j
+
+
+@kernel
+def judge_together(begin, end, hexagonal, row, c, s, box, at_s, at_t, half_s, half_t, bound, counts, views, alive):
+    """``rule_out_together`` for rows ``begin`` to ``end``. ``at_s`` and ``at_t``: a plane's voxels on the microlens
+    plane, from lens (0, 0); ``c`` and ``s``: cosine and sine of the lattice's rotation by its pitch."""
+    lenses = np.empty(9, np.int64)
+    for r in range(begin, end):
+        for k in range(at_s.size):
+            if alive[r, k] == 0:
+                continue
+            touched, known = 0, True
+            for point in range(9):
+                u, v = at_s[k] + half_s * (point % 3 - 1), at_t[r] + half_t * (point // 3 - 1)
+                i, j = nearest(hexagonal, row, c * u + s * v, c * v - s * u)
+                i, j = i - box[0], j - box[1]
+                known &= 0 <= i < box[2] and 0 <= j < box[3]  # beyond them nothing is known
+                new, lens = True, j * box[2] + i
+                for n in range(touched):
+                    new &= lenses[n] != lens
+                if new:
+                    lenses[touched] = lens
+                    touched += 1
+            if touched < 2 or not known:
+                continue
+            for view in views:
+                together = 0.0
+                for n in range(touched):
+                    together += bound[view, lenses[n]]
+                if together < counts:
+                    alive[r, k] = 0
+                    break

@@ -61,7 +61,7 @@ def maps(geo, table: NDArray[np.float32], grid_shape: tuple[int, int, int], acro
         sharp = min(next((n for n, voxels in SHARP if ramp < voxels), 1), ceil(ENOUGH / narrow))
         points = max(ceil(sharp * across / ACROSS), ceil(across / narrow))
         shift = max(0, floor(log2(per_point))) if points == 1 and per_point > 0 else 0
-        right, down = (ceil(points * half / 2**shift) for half in (wide, high))
+        right, down = (floor(points * half / 2**shift) for half in (wide, high))
         more = 2 if shift else 1
         rows, columns = 2 * down + more, LANES * ceil((2 * right + more) / LANES)
         border[k] = right + 2, down + 2

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from plenopiv.cameras.coverage import half_sensor_mm
 from plenopiv.lightfield import Layout
 from plenopiv.projection import geometry, pixels, pruning, sparse
-from plenopiv.projection.borders import borders_coincide, too_dark_together
+from plenopiv.projection.borders import borders_coincide, rule_out_together
 from plenopiv.projection.mapped import MappedViews
 from plenopiv.projection.maps import ACROSS
 from plenopiv.projection.protocol import correct
@@ -172,11 +172,11 @@ class Projector:
                 table, most, half_step = self._planes[slab], largest[slab], blur[slab].astype(np.float32)
                 about = self._rows, table, most, self.rule, self._rim, *parameters, half_step, alive
                 in_threads(pruning.prune, len(alive), *about)
-                for k, plane in enumerate(alive[:, :, :nx] > 0, lo):
+                for k, plane in enumerate(alive[:, :, :nx], lo):
                     if self.rule == pixels.EXACT and borders_coincide(where, self.grid, k):
                         counts = particle * float(self.light_of_planes()[k])
-                        plane &= ~too_dark_together(where, self.grid, k, plane, bound, counts, whole)
-                    yield plane
+                        rule_out_together(where, self.grid, k, plane, bound, counts, whole)
+                    yield plane > 0
 
         return SparseVolume.from_planes(self.grid, planes())
 

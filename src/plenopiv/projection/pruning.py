@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plenopiv.kernels import inlined, kernel
+from plenopiv.kernels import borrowed, inlined, kernel
 from plenopiv.projection.pixels import (
     EXACT,
     ONE_RAY,
@@ -26,6 +26,7 @@ LANES = 16  # voxels of a row computed at once: the widest float32 vector
 F = np.float32
 LEAST_SHARE = 0.05  # of the largest that a voxel of the plane gives: one so far at its footprint's rim is not judged
 INTEGRATION = 64  # samples across a pixel's footprint
+TOGETHER = 4  # rows of voxels looked at together, and views between one summary of what is left and the next
 
 
 @inlined
@@ -105,6 +106,16 @@ def any_alive(row):
 
 
 @kernel
+def summarise(where, left):
+    """``left`` (ceil(ny / TOGETHER), nx): where any of TOGETHER rows of ``where`` (ny, nx) holds a voxel."""
+    left[:] = np.uint8(0)
+    for j in range(where.shape[0]):
+        group = left[j // TOGETHER]
+        for i in range(where.shape[1]):
+            group[i] |= where[j, i]
+
+
+@kernel
 def prune(
     begin, end, geo, table, largest, rule, rim, offsets, order, lens_mm, phase, fill, bound, particle, blur, alive
 ):  # fmt: skip
@@ -117,8 +128,9 @@ def prune(
     cuts counts as in ``views``. Views are tried in ``order``.
     """
     _, ny, nx = alive.shape
+    alive, bound, lens_mm, phase = borrowed(alive), borrowed(bound), borrowed(lens_mm), borrowed(phase)
     for k in range(begin, end):
-        weight = np.empty(nx + LANES, np.float32)
+        weight, left = np.empty(nx + LANES, np.float32), np.empty(((ny - 1) // TOGETHER + 1, nx), np.uint8)
         plane, where = plane_of(table, k), alive[k]
         counts = particle * plane.light
         step_x, step_y = plane.cell_x * geo.cos, -plane.cell_x * geo.sin
@@ -128,7 +140,9 @@ def prune(
             half_y = F(0.5) * (abs(plane.cell_y * geo.cos) + abs(plane.cell_x * geo.sin))
         least = F(LEAST_SHARE) * largest[k]
         reach_x, reach_y = box_of(geo, plane, rule)
-        for view in order:
+        for tried, view in enumerate(order):
+            if tried % TOGETHER == 0:
+                summarise(where, left)
             m, n = F(offsets[view, 0]), F(offsets[view, 1])
             for lens in range(lens_mm.shape[0]):
                 limit = max(bound[view, lens] / counts, least)
@@ -147,28 +161,31 @@ def prune(
                 if i0 >= i1 or j0 >= j1:
                     continue
                 lanes = (i1 - i0 + LANES - 1) // LANES * LANES
-                for j in range(j0, j1):
-                    row = where[j, i0 : i0 + lanes]
-                    if not any_alive(row):
+                for group in range(j0 // TOGETHER, (j1 - 1) // TOGETHER + 1):
+                    if not any_alive(left[group, i0 : i0 + lanes]):
                         continue
-                    ox, oy = plane.cell_x * (F(i0) - cx), plane.cell_y * (F(j) - cy)
-                    x0, y0 = geo.cos * ox + geo.sin * oy, geo.cos * oy - geo.sin * ox
-                    row_weights(
-                        geo,
-                        plane,
-                        rule,
-                        rim[view],
-                        fill[view, lens],
-                        qx,
-                        qy,
-                        x0,
-                        y0,
-                        step_x,
-                        step_y,
-                        out_x,
-                        out_y,
-                        lanes,
-                        weight,
-                    )
-                    for i in range(lanes):
-                        row[i] = row[i] if weight[i] <= limit else np.uint8(0)
+                    for j in range(max(j0, group * TOGETHER), min(j1, (group + 1) * TOGETHER)):
+                        row = where[j, i0 : i0 + lanes]
+                        if not any_alive(row):
+                            continue
+                        ox, oy = plane.cell_x * (F(i0) - cx), plane.cell_y * (F(j) - cy)
+                        x0, y0 = geo.cos * ox + geo.sin * oy, geo.cos * oy - geo.sin * ox
+                        row_weights(
+                            geo,
+                            plane,
+                            rule,
+                            rim[view],
+                            fill[view, lens],
+                            qx,
+                            qy,
+                            x0,
+                            y0,
+                            step_x,
+                            step_y,
+                            out_x,
+                            out_y,
+                            lanes,
+                            weight,
+                        )
+                        for i in range(lanes):
+                            row[i] = row[i] if weight[i] <= limit else np.uint8(0)

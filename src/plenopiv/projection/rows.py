@@ -39,20 +39,6 @@ def pays(shape, rank, listed):
 
 
 @kernel
-def spread_voxels(shares, shape, rows, column, values, first, last, strip, line):
-    """Spread listed voxels one by one, each over so many rows; ``line``: where the shares of the voxel in column 0
-    would go. Neighbours in the list come one after the other in time only once in four: what one has just stored the
-    other would wait for."""
-    _, width, _, columns, points, shift = shape
-    among, size = (1 << shift) - 1, rows * columns
-    quarter = (last - first) // 4
-    for n in range(last - first):
-        v = first + n if n >= 4 * quarter else first + n // 4 + (n & 3) * quarter
-        i = points * np.int64(column[v])
-        add_products(shares, (i & among) * size, columns, values[v], strip, line + (i >> shift), width, rows)
-
-
-@kernel
 def add_line(source, factor, count, out):
     """Add ``factor`` times a line to ``out``."""
     for x in range(count):
@@ -68,39 +54,66 @@ def parts_of(factors, shape, j, r):
     return factors[at + ((points * j) & (voxels - 1)) * rows :], factors[at + voxels * rows :]
 
 
+@inlined
+def first_line(shape, j):
+    """The first row of its map that the voxels of row j of a plane reach."""
+    return ((shape[4] * j) >> shape[5]) + 2
+
+
+@inlined
+def apart(n, count):
+    """The n-th of so many voxels to spread: neighbours in the list come one after the other in time only once in four,
+    as what one has just stored the other would wait for."""
+    quarter = count // 4
+    return n if n >= 4 * quarter else n // 4 + (n & 3) * quarter
+
+
 @kernel
-def spread_row(own, shape, j, column, values, first, last, strip, line, spare):
-    """Spread the listed voxels ``first`` to ``last`` of row j of a plane. ``own``: its shares, its outer products and
-    their number; ``line``: where the shares of the voxel in column 0 begin; ``spare``: room for a few lines."""
-    shares, factors, rank = own
+def spread_lines(factors, rank, shape, j, column, values, first, last, strip, line, spare):
+    """Spread the listed voxels ``first`` to ``last`` of row j of a plane by its outer products; ``line``: where the
+    shares of the voxel in column 0 begin; ``spare``: room for a few lines."""
     _, width, rows, columns, points, shift = shape
-    voxels = 1 << shift
-    if not pays(shape, rank, last - first):
-        of_row = shares[((points * j) & (voxels - 1)) * voxels * rows * columns :]
-        spread_voxels(of_row, shape, rows, column, values, first, last, strip, line)
-        return
+    among = (1 << shift) - 1
     for r in range(rank):
         down, across = parts_of(factors, shape, j, r)
         spare[0, :width] = F(0)
-        spread_voxels(across, shape, 1, column, values, first, last, spare[0], 0)
+        for n in range(last - first):
+            v = first + apart(n, last - first)
+            i = points * np.int64(column[v])
+            add_products(across, (i & among) * columns, columns, values[v], spare[0], i >> shift, width, 1)
         for n in range(rows):
             add_line(spare[0], down[n], width - 2, strip[line + n * width :])
 
 
 @kernel
-def sum_row(own, shape, j, column, first, last, strip, line, spare, multiply, out):
-    """Sum around the listed voxels of row j, the transpose of ``spread_row``, into ``out``; with ``multiply``, a number
-    of views, ``out`` times ``factor_of`` it."""
+def spread_rows(own, shape, begin, end, top, row_start, column, values, strip, spare):
+    """Spread the listed voxels of rows ``begin`` to ``end`` of a plane into the strip of its map that begins with row
+    ``top``. ``own``: the plane's shares, its outer products and their number."""
     shares, factors, rank = own
     _, width, rows, columns, points, shift = shape
-    voxels, size = 1 << shift, rows * columns
-    if not pays(shape, rank, last - first):
-        of_row = shares[((points * j) & (voxels - 1)) * voxels * size :]
-        for v in range(first, last):
+    among, size = (1 << shift) - 1, rows * columns
+    for j in range(begin, end):
+        first, last = row_start[j], row_start[j + 1]
+        if first == last:
+            continue
+        line = (first_line(shape, j) - top) * width + 2
+        if pays(shape, rank, last - first):
+            spread_lines(factors, rank, shape, j, column, values, first, last, strip, line, spare)
+            continue
+        of_row = ((points * j) & among) * (among + 1) * size
+        for n in range(last - first):
+            v = first + apart(n, last - first)
             i = points * np.int64(column[v])
-            total = row_products(of_row, (i & (voxels - 1)) * size, columns, strip, line + (i >> shift), width, rows)
-            out[v] = out[v] * factor_of(total, multiply) if multiply else total
-        return
+            add_products(
+                shares, of_row + (i & among) * size, columns, values[v], strip, line + (i >> shift), width, rows
+            )
+
+
+@kernel
+def sum_lines(factors, rank, shape, j, column, first, last, strip, line, spare, multiply, out):
+    """The transpose of ``spread_lines``, into ``out`` as ``sum_rows``."""
+    _, width, rows, columns, points, shift = shape
+    voxels = 1 << shift
     for p in range(voxels):
         spare[1 + p, :width] = F(0)
     for r in range(rank):
@@ -115,3 +128,25 @@ def sum_row(own, shape, j, column, first, last, strip, line, spare, multiply, ou
         i = points * np.int64(column[v])
         total = spare[1 + (i & (voxels - 1)), i >> shift]
         out[v] = out[v] * factor_of(total, multiply) if multiply else total
+
+
+@kernel
+def sum_rows(own, shape, begin, end, top, row_start, column, strip, spare, multiply, out):
+    """Sum around the listed voxels of rows of a plane, the transpose of ``spread_rows``, into ``out``; with
+    ``multiply``, a number of views, ``out`` times ``factor_of`` it."""
+    shares, factors, rank = own
+    _, width, rows, columns, points, shift = shape
+    among, size = (1 << shift) - 1, rows * columns
+    for j in range(begin, end):
+        first, last = row_start[j], row_start[j + 1]
+        if first == last:
+            continue
+        line = (first_line(shape, j) - top) * width + 2
+        if pays(shape, rank, last - first):
+            sum_lines(factors, rank, shape, j, column, first, last, strip, line, spare, multiply, out)
+            continue
+        of_row = ((points * j) & among) * (among + 1) * size
+        for v in range(first, last):
+            i = points * np.int64(column[v])
+            total = row_products(shares, of_row + (i & among) * size, columns, strip, line + (i >> shift), width, rows)
+            out[v] = out[v] * factor_of(total, multiply) if multiply else total

@@ -13,7 +13,7 @@ import numpy as np
 from plenopiv.kernels import borrowed, inlined, kernel
 from plenopiv.projection.maps import Maps
 from plenopiv.projection.pixels import plane_of
-from plenopiv.projection.rows import spread_row, sum_row
+from plenopiv.projection.rows import first_line, spread_rows, sum_rows
 from plenopiv.projection.views import Views
 
 F, U = np.float32, np.uint64
@@ -123,12 +123,6 @@ def roll(strip, width, kept, lines):
 
 
 @inlined
-def first_line(shape, j):
-    """The first row of its map that the voxels of row j of a plane reach."""
-    return ((shape[4] * j) >> shape[5]) + 2
-
-
-@inlined
 def rows_before(shape, line, ny):
     """The number of rows of voxels that reach only rows of a map before ``line``."""
     return min((((line - 1 - shape[2]) << shape[5]) - 1) // shape[4] + 1, ny)
@@ -154,9 +148,7 @@ def forward_plane(geo, plane, shape, border, own, views, row_start, column, valu
     while True:
         bottom = min(top + lines, height)
         stop = rows_before(shape, bottom, ny)
-        for n in range(j, stop):
-            line, first, last = (first_line(shape, n) - top) * width + 2, row_start[n], row_start[n + 1]
-            spread_row(own, shape, n, column, values, first, last, strip, line, spare)
+        spread_rows(own, shape, j, stop, top, row_start, column, values, strip, spare)
         j = stop
         finished = first_line(shape, j) if j < ny else bottom
         for n in range(views.start.size - 1):
@@ -184,9 +176,7 @@ def gather_plane(
             write(geo, plane, size, border, views, n, top, written, bottom - 1, image, strip)
         written = bottom - 1
         stop = rows_before(shape, written, ny)
-        for n in range(j, stop):
-            line, first, last = (first_line(shape, n) - top) * width + 2, row_start[n], row_start[n + 1]
-            sum_row(own, shape, n, column, first, last, strip, line, spare, multiply, out)
+        sum_rows(own, shape, j, stop, top, row_start, column, strip, spare, multiply, out)
         j = stop
         if j == ny:
             return

@@ -20,7 +20,8 @@ from plenopiv.reconstruction.noise import Noise
 LIT_MULTIPLE = 3.0  # a lit pixel stands this many standard deviations of the dark noise above the black level
 BRIGHT_SHARE = 0.03  # and this share of what the image's bright pixels (90th percentile) hold
 NOISE_MARGIN = 2.0
-FAINTEST_PARTICLE = 0.4  # of the typical one
+LONE, CROWDED = 0.2, 0.4  # share of the typical particle that the faintest one holds, in the dark and in a crowd
+CROWD = 0.3  # share of the pixels that are lit from which on particles crowd
 APART = 8  # microlenses: further than a particle's light spreads in one view
 
 
@@ -42,6 +43,17 @@ def most_light(lightfield: LightField, noise: Noise) -> NDArray[np.float32]:
 def dark_to_light(lightfield: LightField, threshold: float) -> NDArray[np.float32]:
     """The same for the paper's product: none where a pixel does not exceed ``threshold`` counts, else any number."""
     return np.where(lightfield.values > threshold, np.inf, 0.0).astype(np.float32)
+
+
+def faintest_share(lightfield: LightField, particle: float) -> float:
+    """Share of the typical particle that a voxel must be able to hold; ``particle``: its counts in a pixel that it
+    lights wholly in focus.
+
+    A particle's light is split among voxels: the more of them stay, the less is lost at its rim. Where few pixels are
+    lit that costs nothing; in a crowd it keeps voxels between particles.
+    """
+    lit = float(np.mean(lightfield.values[lightfield.layout.seen] > LONE * particle))
+    return LONE + (CROWDED - LONE) * min(lit / CROWD, 1.0)
 
 
 def typical_particle(lightfield: LightField, projector: Projector, noise: Noise) -> float:

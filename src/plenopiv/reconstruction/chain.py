@@ -10,8 +10,8 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField
 from plenopiv.projection.projector import Projector
 from plenopiv.reconstruction.candidates import (
-    FAINTEST_PARTICLE,
     dark_to_light,
+    faintest_share,
     lit_threshold,
     most_light,
     typical_particle,
@@ -74,7 +74,7 @@ def reconstruct(
     else:
         particle = typical_particle(lightfield, projector, noise) * projector.light_in_focus
         if settings.threshold is None:
-            threshold = max(FAINTEST_PARTICLE * particle, threshold)
+            threshold = max(faintest_share(lightfield, particle) * particle, threshold)
         volume = projector.voxels_within(most_light(lightfield, noise), threshold / projector.light_in_focus)
     alive = volume.column.size
     if alive == 0:
