@@ -1,9 +1,11 @@
 """The paper's section 4 (Fig. 10): DNS, LF-PIV and Tomo-PIV of one jet:  comparison.py [full | reduced | tiny]
 
-Four measurements (``comparison_settings``), each in a process of its own: LF-PIV; exact volumes in place of its
-reconstructed ones, which shows what its windows resolve; Tomo-PIV at the paper's settings; Tomo-PIV of the light
-field's particles in windows of the same size. Writes results/comparison.json, its table results/comparison.md, and
-figures to docs/images/paper; fields, with the DNS beside them, to build/comparison.
+Five measurements (``comparison_settings``), each in a process of its own: LF-PIV; exact volumes in place of its
+reconstructed ones, which shows what its windows resolve; two plenoptic cameras at a right angle; Tomo-PIV at the
+paper's settings; Tomo-PIV of the light field's particles in windows of the same size.
+
+Writes results/comparison.json, its table results/comparison.md, and figures to docs/images/paper; fields, with the
+DNS beside them, to build/comparison.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import comparison_figures
 import lightfield_case
 import numba
 import tomo_case
+import two_cameras_case
 from comparison_costs import announced
 from comparison_scores import judged, score
 from comparison_settings import JET_M_S, SIZES, Comparison
@@ -35,6 +38,7 @@ ROOT = Path(__file__).parents[1]
 TITLES = {
     "light_field": "LF-PIV",
     "exact": "exact volumes, LF's windows",
+    "two": "LF-PIV, two cameras",
     "tomo": "Tomo-PIV, the paper's",
     "matched": "Tomo-PIV, LF's particles and windows",
 }
@@ -48,6 +52,10 @@ def measured(name: str, setting: Comparison) -> Measured:
         return lightfield_case.measure_light_field(setting.light_field, jet, SEED)
     if name == "exact":
         return lightfield_case.measure_exact(setting.light_field, jet, SEED)
+    if name == "two":
+        return two_cameras_case.measure_two_cameras(
+            setting.two, lightfield_case.seeded(setting.light_field, jet, SEED), SEED
+        )
     if name == "tomo":
         return tomo_case.measure_tomo(setting.tomo, jet, seed=SEED)
     return tomo_case.measure_tomo(setting.matched, jet, lightfield_case.seeded(setting.light_field, jet, SEED), SEED)

@@ -1,12 +1,13 @@
-"""What a comparison will take, before it starts: memory and time of each of its three measurements."""
+"""What a comparison will take, before it starts: memory and time of each of its measurements."""
 
 from __future__ import annotations
 
 from math import prod
 
 import numba
-from comparison_settings import Comparison, LightFieldSetting, TomoSetting
+from comparison_settings import Comparison, LightFieldSetting, TomoSetting, TwoCamerasSetting
 from lightfield_case import camera_of
+from two_cameras_case import MOUNTINGS, cameras_of
 
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.reconstruction.settings import ReconstructionSettings, TomographySettings
@@ -27,6 +28,19 @@ def light_field_cost(setting: LightFieldSetting) -> tuple[float, float]:
     return memory.estimate(camera, setting.grid).peak, takes.run(2)
 
 
+def two_cameras_cost(setting: TwoCamerasSetting) -> tuple[float, float]:
+    """The same with two cameras: light fields of both, and each list once more in the second one's order."""
+    correlation = CorrelationSettings(windows=setting.windows, overlap=setting.overlap)
+    threads = numba.get_num_threads()
+    peak, seconds = memory.BASE, 0.0
+    for camera, mounting in zip(cameras_of(setting), MOUNTINGS, strict=True):
+        grid = mounting.grid(setting.grid)
+        takes = duration.of_settings(camera, grid, ReconstructionSettings(), correlation, threads)
+        peak += memory.estimate(camera, grid).peak - memory.BASE
+        seconds += takes.frame
+    return peak, 2 * seconds + takes.pair
+
+
 def tomo_cost(setting: TomoSetting) -> tuple[float, float]:
     """Bytes and seconds of Tomo-PIV; simulation left out."""
     grid = setting.grid
@@ -42,6 +56,7 @@ def announced(setting: Comparison) -> list[str]:
     """A line for each measurement."""
     costs = {
         "LF-PIV": (setting.light_field.grid, light_field_cost(setting.light_field)),
+        "LF-PIV, two cameras": (setting.two.grid, two_cameras_cost(setting.two)),
         "Tomo-PIV, the paper's": (setting.tomo.grid, tomo_cost(setting.tomo)),
         "Tomo-PIV, matched": (setting.matched.grid, tomo_cost(setting.matched)),
     }

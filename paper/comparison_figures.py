@@ -24,12 +24,13 @@ Array = NDArray[np.float64]
 SHORT = {
     "light_field": "LF-PIV",
     "exact": "exact volumes",
+    "two": "LF-PIV, two cameras",
     "tomo": "Tomo-PIV, the paper's",
     "matched": "Tomo-PIV, matched",
 }
-GREY = "#8794a1"
+GREY, VIOLET = "#8794a1", "#8557a8"
 IN_WINDOWS = "DNS in LF-PIV's windows"
-COLOURS = {"light_field": BLUE, "exact": GREY, "tomo": ORANGE, "matched": GREEN}
+COLOURS = {"light_field": BLUE, "exact": GREY, "two": VIOLET, "tomo": ORANGE, "matched": GREEN}
 SLICE_Z_MM = 1.5  # of the x-y plane: near focus, out of the zone without depth
 SLICE_JET_Y_MM = 1.0  # of the x-z plane, from the jet's axis
 FINE_MM = 0.15  # spacing at which the DNS is drawn
@@ -81,7 +82,7 @@ def slices(fields: dict[str, xr.Dataset], setting: Comparison) -> Figure:
     both |= {SHORT[name]: field for name, field in fields.items()}
     limits = {c: tuple(light[c].values[[0, -1]]) for c in "xyz"}
     deep = limits["z"][1] - limits["z"][0], limits["y"][1] - limits["y"][0]
-    figure = Figure(figsize=(12.5, 7.4), layout="constrained")
+    figure = Figure(figsize=(14.0, 7.4), layout="constrained")
     panels = figure.subplots(2, len(both), sharex=True, sharey="row", height_ratios=(deep[1], 0.62 * deep[0]))
     planes = (("z", SLICE_Z_MM, "y"), ("y", SLICE_JET_Y_MM - setting.jet_at_mm[1], "z"))
     for row, (axis, place, upward) in zip(panels, planes, strict=True):
@@ -117,7 +118,7 @@ def errors(results: dict[str, Any]) -> Figure:
         axes.axvline(TARGET_DEPTH_MM, color="#8794a1", lw=0.8, ls="--")
         axes.set(title=f"RMS error of {symbol}", xlabel="|z|, mm", xlim=(0, DEPTH_MM[1]), ylim=(0, None))
     panels[0].set_ylabel("mm/s (dotted: as stated)")
-    figure.legend(*panels[0].get_legend_handles_labels(), frameon=False, ncols=4, loc="outside lower center")
+    figure.legend(*panels[0].get_legend_handles_labels(), frameon=False, ncols=5, loc="outside lower center")
     return figure
 
 
@@ -135,7 +136,7 @@ def vortices(fields: dict[str, xr.Dataset], setting: Comparison) -> Figure:
     light, depth = fields["light_field"], TARGET_DEPTH_MM
     both = {IN_WINDOWS: true(light)} | {SHORT[name]: field for name, field in fields.items()}
     level = VORTEX_JET2 * (JET_M_S / (JET_DIAMETER_MM * 1e-3)) ** 2
-    figure = Figure(figsize=(13.0, 4.4))
+    figure = Figure(figsize=(14.0, 4.2))
     figure.subplots_adjust(left=0.01, right=0.97, bottom=0.02, top=0.88, wspace=0.1)
     figure.suptitle(f"Q = {VORTEX_JET2:g} (U/D)²")
     limits = [tuple(light[c].values[[0, -1]]) for c in "xyz"]

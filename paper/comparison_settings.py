@@ -1,4 +1,4 @@
-"""What is compared in section 4 of the paper, in three sizes: lit volumes, cameras, densities, windows.
+"""What is compared in section 4 of the paper and beyond, in three sizes: lit volumes, cameras, densities, windows.
 
 Of the paper: 36 x 24 x 20 mm, one particle per microlens in 2100 x 1400 x 260 voxels for LF-PIV; four cameras at
 0.074 mm/px and 0.05 particles per pixel for Tomo-PIV; dt = 0.5 ms. Angles and distance of the four cameras are ours,
@@ -70,15 +70,35 @@ class TomoSetting:
 
 
 @dataclass(frozen=True)
+class TwoCamerasSetting:
+    """Two plenoptic cameras of a kind, one in front (+z), one at the side (+x). Voxels are cubes of ``voxel_mm``, as
+    each camera's depth lies across the other; the rest as in ``LightFieldSetting``."""
+
+    volume_mm: Limits
+    judged_mm: Across | None = None
+    windows: tuple[Window, ...] = ((64, 64, 72), (32, 32, 36))
+    overlap: float = 0.5
+    camera: str = "29mp"
+    voxel_mm: float = 2 * VOXEL_MM[0]
+    rays: int = 4000
+
+    @property
+    def grid(self) -> VoxelGrid:
+        """The voxels."""
+        return VoxelGrid.covering(*self.volume_mm, (self.voxel_mm,) * 3)
+
+
+@dataclass(frozen=True)
 class Comparison:
-    """Three measurements of one jet: LF-PIV and Tomo-PIV as the paper has them, and Tomo-PIV of the light field's
-    particles with windows of the same size in mm (``matched``).
+    """Four measurements of one jet: LF-PIV and Tomo-PIV as the paper has them; of the light field's particles, with
+    windows of the same size in mm, LF-PIV with two cameras (``two``) and Tomo-PIV (``matched``).
 
     ``jet_at_mm``: the point of the jet that lies at the origin.
     """
 
     name: str
     light_field: LightFieldSetting
+    two: TwoCamerasSetting
     tomo: TomoSetting
     matched: TomoSetting
     jet_at_mm: Vector = (0.0, 0.0, 0.0)
@@ -87,17 +107,27 @@ class Comparison:
 MATCHED_SCALE_MM_PX = 36 / 2048
 
 
+def second_camera(light_field: LightFieldSetting) -> TwoCamerasSetting:
+    """The same volume, particles and windows (to an even number of voxels) with a second camera at the side."""
+    windows = _windows_in(light_field.windows, TwoCamerasSetting.voxel_mm)
+    return TwoCamerasSetting(light_field.volume_mm, light_field.judged_mm, windows, rays=light_field.rays)
+
+
+def _windows_in(windows: tuple[Window, ...], voxel_mm: float) -> tuple[Window, ...]:
+    """A light field's windows in cubic voxels, to an even number of them."""
+    return tuple(
+        tuple(2 * round(0.5 * n * side / voxel_mm) for n, side in zip(window, VOXEL_MM, strict=True))  # type: ignore[misc]
+        for window in windows
+    )
+
+
 def matched(light_field: LightFieldSetting) -> TomoSetting:
     """Tomo-PIV of the particles of a light field: the whole width on 2048 px, windows of the same size to an even
     number of voxels."""
-    windows = tuple(
-        tuple(2 * round(0.5 * n * side / MATCHED_SCALE_MM_PX) for n, side in zip(window, VOXEL_MM, strict=True))
-        for window in light_field.windows
-    )
     return TomoSetting(
         light_field.volume_mm,
         light_field.judged_mm,
-        windows,  # type: ignore[arg-type]
+        _windows_in(light_field.windows, MATCHED_SCALE_MM_PX),
         light_field.overlap,
         MATCHED_SCALE_MM_PX,
         particles_per_pixel=None,
@@ -109,7 +139,13 @@ def _about_axis(width: float, height: float, depth: tuple[float, float] = DEPTH_
 
 
 FULL_LIGHT_FIELD = LightFieldSetting(_about_axis(36.0, 24.0))
-FULL = Comparison("full", FULL_LIGHT_FIELD, TomoSetting(_about_axis(36.0, 24.0)), matched(FULL_LIGHT_FIELD))
+FULL = Comparison(
+    "full",
+    FULL_LIGHT_FIELD,
+    second_camera(FULL_LIGHT_FIELD),
+    TomoSetting(_about_axis(36.0, 24.0)),
+    matched(FULL_LIGHT_FIELD),
+)
 
 # From the jet's axis across its shear layer. The paper's Tomo-PIV has a wider lit volume, as lines of sight at 20
 # degrees leave a narrow one, and is judged over more of x, along which the jet's statistics do not change: its windows
@@ -119,6 +155,7 @@ CUT_LIGHT_FIELD = LightFieldSetting(_about_axis(7.5, 6.0), ((-3.0, 3.0), JUDGED_
 REDUCED = Comparison(
     "reduced",
     CUT_LIGHT_FIELD,
+    second_camera(CUT_LIGHT_FIELD),
     TomoSetting(_about_axis(34.0, 13.0), ((-15.0, 15.0), JUDGED_Y_MM)),
     matched(CUT_LIGHT_FIELD),
     jet_at_mm=(0.0, 2.0, 0.0),
@@ -132,6 +169,7 @@ SMALL_WINDOWS = ((32, 32, 32), (24, 24, 24))
 TINY = Comparison(
     "tiny",
     TINY_LIGHT_FIELD,
+    second_camera(TINY_LIGHT_FIELD),
     TomoSetting(_about_axis(4.8, 4.8, (-2.4, 2.4)), windows=SMALL_WINDOWS, overlap=0.5),
     TomoSetting(
         TINY_LIGHT_FIELD.volume_mm, windows=SMALL_WINDOWS, overlap=0.5, scale_mm_px=0.05, particles_per_pixel=None

@@ -81,11 +81,14 @@ def seeded(setting: LightFieldSetting, flow: Velocity, seed: int) -> Frames:
     return seed_pair(camera_of(setting), flow, DT_S, setting.volume_mm, seeding, np.random.default_rng(seed))
 
 
-def windows_seen(camera: PlenopticCamera, field: xr.Dataset, half_mm: NDArray) -> NDArray[np.bool_]:
-    """Whether every view sees the whole window about each vector, at the vector's depth; (nz, ny, nx)."""
-    x, y = seen_by_every_view_mm(camera, field.z.values)
-    in_x = np.abs(field.x.values) + half_mm[0] <= x[:, None] + 1e-9
-    in_y = np.abs(field.y.values) + half_mm[1] <= y[:, None] + 1e-9
+def windows_seen(
+    camera: PlenopticCamera, at_mm: tuple[NDArray, NDArray, NDArray], half_mm: NDArray
+) -> NDArray[np.bool_]:
+    """Whether every view sees the whole window about each vector, at the vector's depth; ``at_mm``: along the camera's
+    x, y, z; (nz, ny, nx)."""
+    x, y = seen_by_every_view_mm(camera, at_mm[2])
+    in_x = np.abs(at_mm[0]) + half_mm[0] <= x[:, None] + 1e-9
+    in_y = np.abs(at_mm[1]) + half_mm[1] <= y[:, None] + 1e-9
     return in_y[:, :, None] & in_x[:, None, :]
 
 
@@ -134,5 +137,5 @@ def _correlated(
     clock.lap("correlation")
     field = velocity_dataset(moved, setting.grid, DT_S).isel(time=0)
     half = 0.5 * np.array(setting.windows[-1]) * setting.grid.voxel_mm
-    seen = windows_seen(camera, field, half)
+    seen = windows_seen(camera, (field.x.values, field.y.values, field.z.values), half)
     return Measured(field, particles, setting.grid.voxel_mm, half, seen, candidates, clock)

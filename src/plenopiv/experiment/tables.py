@@ -200,9 +200,10 @@ class CorrelationTable(Table):
 
 
 class OutputTable(Table):
-    """``[output]``: the results folder, relative to the experiment file."""
+    """``[output]``: the results folder, relative to the experiment file; ``volumes``: whether it takes those too."""
 
     directory: Annotated[str, Field(min_length=1)] = "results"
+    volumes: bool = False
 
 
 class SimulationTable(Table):

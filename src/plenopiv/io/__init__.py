@@ -1,4 +1,4 @@
-"""Files that a run writes: the velocity field as netCDF and the results folder, whole or not at all."""
+"""Files that a run writes, whole or not at all: velocity as netCDF, for ParaView and OpenPIV; the results folder."""
 
 from plenopiv.io.netcdf import read_velocity, write_velocity
 from plenopiv.io.output import OutputFolder

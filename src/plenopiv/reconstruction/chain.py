@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField
 from plenopiv.projection.projector import Projector
+from plenopiv.projection.protocol import Projection
 from plenopiv.reconstruction.candidates import (
     dark_to_light,
     faintest_share,
@@ -59,6 +62,28 @@ def reconstruct(
         PlenoPIVError: the frame ``name`` shows no particles.
     """
     noise = Noise(dark_noise(lightfield), counts_per_electron)
+    left = left_by_tracing(lightfield, projector, settings, noise, name)
+    share = left.volume.occupancy
+    volume, residuals = corrected(lightfield.values, projector, left.volume, settings, noise, progress)
+    return Reconstruction(volume, left.threshold, left.particle, noise, share, residuals)
+
+
+class Left(NamedTuple):
+    """Voxels to start from, the rest as in ``Reconstruction``."""
+
+    volume: SparseVolume
+    threshold: float
+    particle: float
+
+
+def left_by_tracing(
+    lightfield: LightField, projector: Projector, settings: ReconstructionSettings, noise: Noise, name: str
+) -> Left:
+    """The voxels that dense ray tracing leaves of one camera's frame, or all that it sees.
+
+    Raises:
+        PlenoPIVError: the frame ``name`` shows no particles.
+    """
     threshold = lit_threshold(lightfield, noise) if settings.threshold is None else settings.threshold
     clearly_lit = np.count_nonzero(lightfield.values > CLEARLY * threshold)
     if clearly_lit < FEWEST_LIT * np.count_nonzero(lightfield.layout.seen):
@@ -76,24 +101,37 @@ def reconstruct(
         if settings.threshold is None:
             threshold = max(faintest_share(lightfield, particle) * particle, threshold)
         volume = projector.voxels_within(most_light(lightfield, noise), threshold / projector.light_in_focus)
-    alive = volume.column.size
-    if alive == 0:
+    if volume.column.size == 0:
         raise PlenoPIVError(
             f"{name}: dense ray tracing leaves no voxel; lower reconstruction.threshold ({threshold:.0f} counts) "
             'or use reconstruction.method = "mart"'
         )
-    volume.values[:] = max(float(lightfield.values.sum(dtype=np.float64)), 1.0) / alive
-    floor = max(noise.dark, SMALLEST_FLOOR)
+    return Left(volume, threshold, particle)
+
+
+def corrected(
+    values: NDArray[np.float32],
+    projector: Projection,
+    volume: SparseVolume,
+    settings: ReconstructionSettings,
+    noise: Noise,
+    progress: Progress | None = None,
+    cameras: int = 1,
+) -> tuple[SparseVolume, tuple[float, ...]]:
+    """MART on the listed voxels, which all start with the same light, and the residual of each round. ``cameras`` that
+    each collect all of it; ``noise``: of their pixels."""
+    light = float(values.sum(dtype=np.float64)) / cameras
+    volume.values[:] = max(light, 1.0) / volume.column.size
     volume, residuals = mart(
-        lightfield.values,
+        values,
         projector,
         volume,
         iterations=settings.iterations,
         relaxation=settings.relaxation,
-        floor=floor,
+        floor=max(noise.dark, SMALLEST_FLOOR),
         thin=THIN,
         seed=settings.seed,
         overwrite=True,
         progress=progress,
     )
-    return Reconstruction(volume, threshold, particle, noise, alive / projector.grid.size, tuple(residuals))
+    return volume, tuple(residuals)

@@ -21,7 +21,7 @@ class ReconstructionSettings:
     ``candidates``: what DRT leaves. "bound": voxels that can hold a particle of ``threshold`` counts without giving a
     pixel more light than it collected; "product", the paper's: voxels whose pixels all exceed ``threshold`` counts.
     ``threshold``: counts; of the bound, in a pixel that the particle lights wholly in focus. None lets the images
-    decide: 0.4 of the typical particle, or three times the noise.
+    decide: 0.2 to 0.4 of the typical particle, or three times the noise.
     ``focus_reach``: up to how many dead zones from focus planes count less in the correlation (``focus``); 0 = none.
     ``seed``: of the random order of views.
     """

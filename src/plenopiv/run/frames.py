@@ -27,6 +27,7 @@ from plenopiv.errors import PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.io.netcdf import write_velocity
 from plenopiv.io.output import OutputFolder
+from plenopiv.io.vtkhdf import write_volume_vtkhdf
 from plenopiv.lightfield import decode, layout
 from plenopiv.projection.projector import Projector
 from plenopiv.reconstruction.chain import Reconstruction, reconstruct
@@ -127,6 +128,10 @@ def run(
                     name=name,
                     progress=partial(report, f"reconstruction of {name}"),
                 )
+            if experiment.output.volumes:
+                with clock("report"):
+                    stem = recording.frame_paths[k].stem
+                    write_volume_vtkhdf(out.path(f"volume-{stem}.vtkhdf"), found.volume)
             return image, found
 
         image, before = reconstructed(0)

@@ -1,0 +1,81 @@
+"""LF-PIV of the jet with two plenoptic cameras at a right angle: the same cameras, particles, candidates and MART."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from comparison_settings import DT_S, TwoCamerasSetting
+from lightfield_case import Clock, Frames, Measured, windows_seen
+from numpy.typing import NDArray
+
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.cameras.presets import preset
+from plenopiv.design.twin import NOISE, WAVELENGTH_NM, mounted, seeing
+from plenopiv.displacement.multigrid import measure
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.lightfield import LightField, decode, layout
+from plenopiv.projection.around import CamerasAround
+from plenopiv.projection.mounting import FRONT, SIDE
+from plenopiv.projection.projector import Projector
+from plenopiv.reconstruction.around import reconstruct_around
+from plenopiv.reconstruction.chain import Reconstruction
+from plenopiv.reconstruction.settings import ReconstructionSettings
+from plenopiv.simulation.images import particle_image
+from plenopiv.simulation.recording import Seeding
+from plenopiv.simulation.sensor_noise import digitise
+from plenopiv.velocity import velocity_dataset
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MOUNTINGS = (FRONT, SIDE)
+
+
+def cameras_of(setting: TwoCamerasSetting) -> list[PlenopticCamera]:
+    """Each with no more of its sensor than the light of the volume needs."""
+    return [mounted(seeing(preset(setting.camera), m.limits(setting.volume_mm))) for m in MOUNTINGS]
+
+
+def both_see(cameras: list[PlenopticCamera], field: xr.Dataset, half_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether every view of both sees the whole window about each vector; (nz, ny, nx)."""
+    front, side = cameras
+    x, y, z = (field[c].values for c in "xyz")
+    from_side = windows_seen(side, (-z, y, x), np.abs(SIDE.in_camera(half_mm)))  # by its own z, y and x
+    return windows_seen(front, (x, y, z), half_mm) & np.transpose(from_side, (2, 1, 0))
+
+
+def images_of(
+    cameras: list[PlenopticCamera], frame: Frames, number: int, rays: int, seed: int, rng: np.random.Generator
+) -> list[NDArray[np.uint16]]:
+    """Counts of each camera in frame ``number`` of the pair."""
+    out = []
+    for n, (camera, mounting) in enumerate(zip(cameras, MOUNTINGS, strict=True)):
+        own = frame[number].moved_to(mounting.in_camera(frame[number].position_mm))
+        light = particle_image(camera, own, rays=rays, seed=4 * seed + 2 * n + number, diffraction_nm=WAVELENGTH_NM)
+        out.append(digitise(light + Seeding.background_electrons, camera.sensor, NOISE, rng))
+    return out
+
+
+def measure_two_cameras(setting: TwoCamerasSetting, particles: Frames, seed: int = 0) -> Measured:
+    """Simulate, reconstruct and correlate. The lattices and where the cameras stand are known."""
+    clock, cameras, settings = Clock(), cameras_of(setting), ReconstructionSettings(focus_reach=0.0)
+    layouts = [layout(camera) for camera in cameras]
+    projectors = [
+        Projector(where, m.grid(setting.grid), settings.weights) for where, m in zip(layouts, MOUNTINGS, strict=True)
+    ]
+    around, rng = CamerasAround(setting.grid, projectors, MOUNTINGS), np.random.default_rng(seed + 1)
+    frames: list[Reconstruction] = []
+    for number in range(2):
+        counts = images_of(cameras, particles, number, setting.rays, seed, rng)
+        clock.lap("simulation")
+        fields: list[LightField] = [decode(image, where) for image, where in zip(counts, layouts, strict=True)]
+        frames.append(reconstruct_around(fields, around, settings, counts_per_electron=NOISE.gain))
+        clock.lap("reconstruction")
+    correlation = CorrelationSettings(windows=setting.windows, overlap=setting.overlap)
+    moved = measure(frames[0].volume, frames[1].volume, correlation)
+    clock.lap("correlation")
+    field = velocity_dataset(moved, setting.grid, DT_S).isel(time=0)
+    half = 0.5 * np.array(setting.windows[-1]) * setting.grid.voxel_mm
+    seen = both_see(cameras, field, half)
+    return Measured(field, particles, setting.grid.voxel_mm, half, seen, frames[0].candidates, clock)

@@ -1,0 +1,75 @@
+"""A plane of vectors as OpenPIV's tools read it: text columns x, y, u, v, flags, mask.
+
+OpenPIV knows two frames. That of its images counts y and v downward, rows from above. Its *physical* frame, to which
+``transform_coordinates`` leads, keeps rows from above but counts y and v upward. Here rows also come from above; x, y
+in mm and u, v in m/s are those of the object frame, y up, so they are in OpenPIV's physical frame and must not be
+transformed again. Flags: 0 measured, 2 replaced; mask: 1 where no view sees.
+"""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.errors import PlenoPIVError
+
+if TYPE_CHECKING:
+    import xarray
+
+MEASURED, REPLACED = 0, 2
+
+
+class OpenPIVField(NamedTuple):
+    """Arrays (ny, nx), the first row at the top: places in mm, velocities in m/s, ``flags`` and ``mask``."""
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    u: NDArray[np.float64]
+    v: NDArray[np.float64]
+    flags: NDArray[np.int64]
+    mask: NDArray[np.int64]
+
+
+def as_openpiv(dataset: xarray.Dataset, z_mm: float, time: int = 0) -> OpenPIVField:
+    """The plane of vectors of a velocity field (``io.read_velocity``) nearest to ``z_mm``, at one of its times.
+
+    Raises:
+        PlenoPIVError: ``z_mm`` is outside the field, or there is no such time.
+    """
+    z = dataset.z.values
+    half = 0.5 * abs(z[1] - z[0]) if z.size > 1 else 0.5
+    if not z.min() - half <= z_mm <= z.max() + half:
+        raise PlenoPIVError(f"z = {z_mm:g} mm: vectors lie from z = {z.min():g} to {z.max():g} mm")
+    if not 0 <= time < dataset.sizes["time"]:
+        raise PlenoPIVError(f"time {time}: the field has {dataset.sizes['time']}, numbered from 0")
+    plane = dataset.isel(time=time).sel(z=z_mm, method="nearest").transpose("y", "x").sortby("y", ascending=False)
+    x, y = np.meshgrid(plane.x.values, plane.y.values)
+    u, v = (plane[c].values.astype(float) for c in "uv")
+    unseen = ~(np.isfinite(u) & np.isfinite(v))
+    flags = np.where(plane.valid.values.astype(bool), MEASURED, REPLACED)
+    return OpenPIVField(x, y, np.where(unseen, 0.0, u), np.where(unseen, 0.0, v), flags, unseen.astype(np.int64))
+
+
+def write_openpiv(path: str | Path, dataset: xarray.Dataset, z_mm: float, time: int = 0) -> None:
+    """Write that plane as a text file.
+
+    Raises:
+        PlenoPIVError: as ``as_openpiv``; or the file cannot be written, and nothing is left behind.
+    """
+    field, path = as_openpiv(dataset, z_mm, time), Path(path)
+    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        columns = np.column_stack([values.ravel() for values in field])
+        formats = ["%.6e"] * 4 + ["%d"] * 2
+        np.savetxt(aside, columns, fmt=formats, delimiter="\t", header="x\ty\tu\tv\tflags\tmask")
+        os.replace(aside, path)
+    except OSError as error:
+        raise PlenoPIVError(f"{path}: cannot be written ({error.strerror or error})") from None
+    finally:
+        with suppress(FileNotFoundError):
+            aside.unlink()

@@ -1,0 +1,108 @@
+"""Velocity fields and volumes for ParaView and PyVista: VTKHDF files of image data (VTK file formats, VTKHDF 2.0).
+
+Points are at vectors or at the centres of voxels, coordinates in mm. Velocity is one array of three components in m/s.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plenopiv.errors import PlenoPIVError
+from plenopiv.volume import Volume
+
+if TYPE_CHECKING:
+    import h5py
+    import xarray
+
+VERSION = (2, 0)  # ImageData of several times begins with it
+SLAB = 8  # planes of a volume written at once
+
+
+def write_vtkhdf(path: str | Path, dataset: xarray.Dataset) -> None:
+    """Write a velocity field, dims (time, z, y, x), with all that it says of each vector; several times as steps.
+
+    ``velocity`` (three components) and ``velocity_std`` hold u, v, w and their standard deviations in m/s, the other
+    variables keep their names.
+
+    Raises:
+        PlenoPIVError: the file cannot be written; nothing is left behind.
+    """
+    vectors = {"velocity": ("u", "v", "w"), "velocity_std": ("u_std", "v_std", "w_std")}
+    fields = {name: parts for name, parts in vectors.items() if all(part in dataset for part in parts)}
+    taken = {part for parts in fields.values() for part in parts}
+    dims = ("time", "z", "y", "x")
+    with _image(path, *_axes(dataset), steps=dataset.time.values) as points:
+        for name, parts in fields.items():
+            stacked = np.stack([dataset[part].transpose(*dims).values for part in parts], -1)
+            points.create_dataset(name, data=stacked.astype(np.float32), compression="gzip", shuffle=True)
+        for name, variable in dataset.data_vars.items():
+            if set(variable.dims) == set(dims) and name not in taken:
+                values = variable.transpose(*dims).values
+                small = values.astype(np.uint8 if values.dtype == bool else values.dtype)
+                points.create_dataset(str(name), data=small, compression="gzip", shuffle=True)
+
+
+def write_volume_vtkhdf(path: str | Path, volume: Volume, name: str = "intensity") -> None:
+    """Write a reconstructed volume, every voxel of it, some planes at a time; empty voxels take next to no room.
+
+    Raises:
+        PlenoPIVError: the file cannot be written; nothing is left behind.
+    """
+    grid = volume.grid
+    nz, ny, nx = grid.shape
+    with _image(path, grid.first_mm, grid.voxel_mm, grid.shape) as points:
+        chunks = (1, min(ny, 256), min(nx, 1024))
+        out = points.create_dataset(name, grid.shape, np.float32, chunks=chunks, compression="gzip", compression_opts=1)
+        for lo in range(0, nz, SLAB):
+            hi = min(lo + SLAB, nz)
+            out[lo:hi] = volume.slab(lo, hi)
+
+
+def _axes(dataset: xarray.Dataset):
+    """First point, spacing (x, y, z) in mm, and shape (nz, ny, nx)."""
+    axes = [dataset[c].values.astype(float) for c in "xyz"]
+    spacing = tuple(float(a[1] - a[0]) if a.size > 1 else 1.0 for a in axes)
+    return tuple(float(a[0]) for a in axes), spacing, tuple(a.size for a in axes[::-1])
+
+
+@contextmanager
+def _image(path: str | Path, first, spacing, shape, steps=None) -> Iterator[h5py.Group]:
+    """The group of a new file's point data; the file takes its name when it is whole."""
+    import h5py
+
+    path = Path(path)
+    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with h5py.File(aside, "w") as file:
+            root = file.create_group("VTKHDF", track_order=True)
+            root.attrs["Version"] = VERSION
+            root.attrs.create("Type", np.bytes_("ImageData"))
+            root.attrs["WholeExtent"] = [0, shape[2] - 1, 0, shape[1] - 1, 0, shape[0] - 1]
+            root.attrs["Origin"], root.attrs["Spacing"] = np.array(first, float), np.array(spacing, float)
+            root.attrs["Direction"] = np.eye(3).ravel()
+            points = root.create_group("PointData")
+            yield points
+            if steps is not None:
+                _add_steps(root, points, np.asarray(steps, float))
+        os.replace(aside, path)
+    except OSError as error:
+        raise PlenoPIVError(f"{path}: cannot be written ({error.strerror or error})") from None
+    finally:
+        with suppress(FileNotFoundError):
+            aside.unlink()
+
+
+def _add_steps(root: h5py.Group, points: h5py.Group, times_s: np.ndarray) -> None:
+    """Say that the arrays' first axis is time."""
+    group = root.create_group("Steps")
+    group.attrs["NSteps"] = times_s.size
+    group["Values"] = times_s
+    offsets = group.create_group("PointDataOffsets")
+    for name in points:
+        offsets[name] = np.arange(times_s.size)

@@ -1,0 +1,138 @@
+"""Several plenoptic cameras around a volume, as one projection: their views one after the other.
+
+Each camera has a ``Projector`` of its own over the same voxels, numbered along its own axes (``Mounting.grid``). A list
+of voxels is put in each camera's order once, and only its values travel after that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plenopiv.errors import PlenoPIVError
+from plenopiv.lightfield import LightField
+from plenopiv.projection.mounting import Mounting
+from plenopiv.projection.projector import Projector
+from plenopiv.projection.protocol import correct
+from plenopiv.volume import SparseVolume, VoxelGrid
+
+
+class Turned(NamedTuple):
+    """A list of voxels in a camera's order; ``order``: of each the place in the list that it came from."""
+
+    volume: SparseVolume
+    order: NDArray[np.int64]
+
+
+class CamerasAround:
+    """Between a volume of the object and the views of cameras mounted around it (``projection.protocol.Projection``).
+
+    Views of the first camera come first. Images of a view are float32 (lens,), in counts; where a camera has fewer
+    microlenses than the largest, the last are no equations. Cameras are taken as equally bright.
+
+    Raises PlenoPIVError where a projector's voxels are not those of ``grid`` seen from its mounting.
+    """
+
+    def __init__(self, grid: VoxelGrid, projectors: Sequence[Projector], mountings: Sequence[Mounting]):
+        self.grid, self.projectors, self.mountings = grid, tuple(projectors), tuple(mountings)
+        for number, (projector, mounting) in enumerate(zip(projectors, mountings, strict=True), 1):
+            if projector.grid != mounting.grid(grid):
+                raise PlenoPIVError(f"camera {number}: its voxels are not the volume's, turned as it is mounted")
+        self._first = np.cumsum([0, *(p.views for p in self.projectors)])
+        self._lenses = max(p.layout.lenses for p in self.projectors)
+        self._last: tuple[SparseVolume, list[Turned]] | None = None
+
+    @property
+    def views(self) -> int:
+        """Number of views of all cameras."""
+        return int(self._first[-1])
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(view, lens): where a pixel is an equation."""
+        return self._stacked([p.seen for p in self.projectors])
+
+    def values_of(self, lightfields: Sequence[LightField]) -> NDArray[np.float32]:
+        """The light fields of the cameras, one each, as (view, lens) in counts."""
+        return self._stacked([lightfield.values for lightfield in lightfields])
+
+    def forward(self, views: ArrayLike, volume: SparseVolume) -> NDArray[np.float32]:
+        """The volume's light in several views, (views, lens)."""
+        views = np.asarray(views)
+        images = np.zeros((views.size, self._lenses), np.float32)
+        for projector, turned, mine, own in self._asked(views, volume):
+            seen = projector.forward(own, turned.volume.with_values(volume.values[turned.order]))
+            images[mine, : seen.shape[1]] = seen
+        return images
+
+    def gather(self, views: ArrayLike, images: NDArray[np.float32], volume: SparseVolume) -> NDArray[np.float32]:
+        """For each listed voxel the sum of ``images`` (views, lens) over the pixels that it lights, each by its lit
+        share of the pixel."""
+        out = np.zeros(volume.values.size, np.float32)
+        for projector, turned, mine, own in self._asked(np.asarray(views), volume):
+            out[turned.order] += projector.gather(own, images[mine, : projector.layout.lenses], turned.volume)
+        return out
+
+    def multiply(self, views: ArrayLike, corrections: NDArray[np.float32], volume: SparseVolume) -> None:
+        """Multiply each voxel by 1 plus the share-weighted sum of ``corrections``, or empty it."""
+        correct(volume, self.gather(views, corrections, volume), np.size(views))
+
+    def left_by_all(self, volumes: Sequence[SparseVolume]) -> SparseVolume:
+        """The voxels that are in every one of ``volumes``, a list of each camera in its own order; values are 1."""
+        left: NDArray[np.int64] | None = None
+        for volume, mounting in zip(volumes, self.mountings, strict=True):
+            found = np.sort(self._numbers(volume, mounting))
+            left = found if left is None else np.intersect1d(left, found, assume_unique=True)
+        assert left is not None
+        row, column = np.divmod(left, self.grid.shape[2])
+        start = np.searchsorted(row, np.arange(self.grid.shape[0] * self.grid.shape[1] + 1))
+        return SparseVolume(self.grid, start.astype(np.int64), column.astype(np.uint16), np.ones(left.size, np.float32))
+
+    def _stacked(self, each: Sequence[NDArray]) -> NDArray:
+        out = np.zeros((self.views, self._lenses), each[0].dtype)
+        for first, values in zip(self._first[:-1], each, strict=True):
+            out[first : first + values.shape[0], : values.shape[1]] = values
+        return out
+
+    def _asked(self, views: NDArray[np.int64], volume: SparseVolume):
+        """Of each camera that has some of ``views``: its projector, the list in its order, which of the views are its
+        own, and their numbers there."""
+        if self._last is None or self._last[0] is not volume:
+            self._last = volume, [turned(volume, m) for m in self.mountings]
+        for number, (projector, listed) in enumerate(zip(self.projectors, self._last[1], strict=True)):
+            mine = np.flatnonzero((views >= self._first[number]) & (views < self._first[number + 1]))
+            if mine.size:
+                yield projector, listed, mine, views[mine] - self._first[number]
+
+    def _numbers(self, volume: SparseVolume, mounting: Mounting) -> NDArray[np.int64]:
+        """Number in the object's order of each voxel of a camera's list."""
+        z, y, x = self.grid.shape
+        counts, places = (x, y, z), [np.empty(0, np.int64)] * 3
+        for axis, place in zip(mounting.axes, places_of(volume), strict=True):
+            n = abs(axis) - 1
+            places[n] = (counts[n] - 1 - place if axis < 0 else place).astype(np.int64)
+        return (places[2] * y + places[1]) * x + places[0]
+
+
+def places_of(volume: SparseVolume) -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.uint16]]:
+    """Where each listed voxel is along x, y and z."""
+    row = np.repeat(np.arange(volume.row_start.size - 1), np.diff(volume.row_start))
+    plane, line = np.divmod(row, volume.grid.shape[1])
+    return volume.column, line.astype(np.uint16), plane.astype(np.uint16)
+
+
+def turned(volume: SparseVolume, mounting: Mounting) -> Turned:
+    """A list of the object's voxels in the order of a camera mounted so, its values as they are now."""
+    grid, own, object_places = mounting.grid(volume.grid), list[NDArray[np.uint16]](), places_of(volume)
+    for axis, count in zip(mounting.axes, grid.shape[::-1], strict=True):
+        place = object_places[abs(axis) - 1]
+        own.append(np.uint16(count - 1) - place if axis < 0 else place)
+    order = np.argsort(own[0], kind="stable")  # of 16 bits: by counting
+    for place in own[1:]:
+        order = order[np.argsort(place[order], kind="stable")]
+    row = own[2][order].astype(np.int64) * grid.shape[1] + own[1][order]
+    start = np.searchsorted(row, np.arange(grid.shape[0] * grid.shape[1] + 1)).astype(np.int64)
+    return Turned(SparseVolume(grid, start, own[0][order], volume.values[order]), order)

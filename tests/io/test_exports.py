@@ -1,0 +1,127 @@
+"""Velocity and volumes for other programs: read back with VTK itself, signs and places as in velocity.nc."""
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+
+from plenopiv.cli import main
+from plenopiv.errors import PlenoPIVError
+from plenopiv.io import write_velocity
+from plenopiv.io.openpiv import as_openpiv, write_openpiv
+from plenopiv.io.vtkhdf import write_volume_vtkhdf, write_vtkhdf
+from plenopiv.volume import SparseVolume, VoxelGrid
+
+SHAPE = (3, 4, 5)  # z, y, x
+DIMS = ("time", "z", "y", "x")
+
+
+def field(times=1):
+    """u = x, v = 10 y, w = 100 z (and 1000 a step of time) in m/s per mm; one vector replaced, one unseen."""
+    z, y, x = (first + step * np.arange(n) for first, step, n in zip((-1, 2, -3), (0.5, 0.25, 2), SHAPE, strict=True))
+    t = np.arange(times, dtype=float)
+    tt, zz, yy, xx = np.meshgrid(t, z, y, x, indexing="ij")
+    valid = np.ones(tt.shape, np.int8)
+    valid[:, 1, 1, 2] = 0
+    u = xx.copy()
+    u[:, 0, 0, 0] = np.nan
+    values = {"u": u, "v": 10 * yy, "w": 100 * zz + 1000 * tt, "u_std": 0 * xx, "v_std": 0 * xx, "w_std": 1 + 0 * xx}
+    variables = {name: (DIMS, value) for name, value in values.items()} | {"valid": (DIMS, valid)}
+    return xr.Dataset(variables, {"time": 0.5 + t, "z": z, "y": y, "x": x})
+
+
+@pytest.fixture(scope="module")
+def pyvista():
+    return pytest.importorskip("pyvista", reason="needs PyVista: part of requirements-dev.txt")
+
+
+def test_vtk_reads_the_velocity_back(tmp_path, pyvista):
+    write_vtkhdf(tmp_path / "field.vtkhdf", field())
+    mesh = pyvista.read(tmp_path / "field.vtkhdf")
+    assert mesh.dimensions == SHAPE[::-1]
+    np.testing.assert_allclose([mesh.origin, mesh.spacing], [(-3, 2, -1), (2, 0.25, 0.5)])
+    expected = mesh.points * (1, 10, 100)
+    seen = np.isfinite(mesh["velocity"]).all(1)
+    assert seen.sum() == seen.size - 1
+    np.testing.assert_allclose(mesh["velocity"][seen], expected[seen], rtol=1e-6)
+    np.testing.assert_array_equal(mesh["velocity_std"], np.tile([0.0, 0.0, 1.0], (seen.size, 1)))
+    replaced = mesh.points[mesh["valid"] == 0]
+    np.testing.assert_allclose(replaced, [[1.0, 2.25, -0.5]])
+
+
+def test_vtk_reads_several_times(tmp_path, pyvista):
+    write_vtkhdf(tmp_path / "field.vtkhdf", field(times=3))
+    reader = pyvista.get_reader(tmp_path / "field.vtkhdf")
+    assert list(reader.time_values) == [0.5, 1.5, 2.5]
+    for number, time in enumerate(reader.time_values):
+        reader.set_active_time_value(time)
+        mesh = reader.read()
+        np.testing.assert_allclose(mesh["velocity"][:, 2], 100 * mesh.points[:, 2] + 1000 * number, rtol=1e-6)
+
+
+def test_vtk_reads_a_volume(tmp_path, pyvista):
+    grid = VoxelGrid((1.0, -2.0, 0.5), (0.1, 0.2, 0.4), (19, 6, 7))
+    volume = SparseVolume.from_mask(grid, np.random.default_rng(0).random(grid.shape) < 0.2)
+    volume = volume.with_values(np.arange(1, volume.column.size + 1, dtype=np.float32))
+    write_volume_vtkhdf(tmp_path / "volume.vtkhdf", volume)
+    mesh = pyvista.read(tmp_path / "volume.vtkhdf")
+    np.testing.assert_array_equal(mesh["intensity"].reshape(grid.shape), volume.dense().values)
+    brightest = mesh.points[np.argmax(mesh["intensity"])]
+    row = np.searchsorted(volume.row_start, volume.column.size - 1, side="right") - 1
+    place = volume.column[-1], row % 6, row // 6
+    np.testing.assert_allclose(brightest, np.array(grid.first_mm) + np.array(grid.voxel_mm) * place, rtol=1e-5)
+
+
+def test_a_vtkhdf_file_says_what_the_format_demands(tmp_path):
+    write_vtkhdf(tmp_path / "field.vtkhdf", field())
+    with h5py.File(tmp_path / "field.vtkhdf") as file:
+        root = file["VTKHDF"]
+        assert root.attrs["Type"] == b"ImageData"
+        assert list(root.attrs["WholeExtent"]) == [0, 4, 0, 3, 0, 2]
+        assert root["PointData/velocity"].shape == (1, *SHAPE, 3)
+        assert root["Steps"].attrs["NSteps"] == 1
+
+
+def test_openpiv_s_rows_come_from_above_and_v_is_upward(tmp_path):
+    found = as_openpiv(field(), -0.55)
+    assert found.y[0, 0] > found.y[-1, 0]
+    assert found.x[0, 0] < found.x[0, -1]
+    np.testing.assert_allclose(found.v, 10 * found.y)
+    assert (found.flags == 2).sum() == 1
+    np.testing.assert_allclose((found.x[found.flags == 2], found.y[found.flags == 2]), [[1.0], [2.25]])
+    write_openpiv(tmp_path / "plane.txt", field(), -1.0)
+    x, y, u, _, flags, mask = np.loadtxt(tmp_path / "plane.txt", unpack=True)
+    assert (mask == 1).sum() == 1
+    assert (x[mask == 1], y[mask == 1]) == (-3.0, 2.0)
+    np.testing.assert_allclose(u[mask == 0], x[mask == 0])
+    assert (flags == 0).all()
+
+
+def test_planes_and_times_that_are_not_there():
+    with pytest.raises(PlenoPIVError, match="z = 3 mm: vectors lie from z = -1 to 0 mm"):
+        as_openpiv(field(), 3.0)
+    with pytest.raises(PlenoPIVError, match="time 1: the field has 1"):
+        as_openpiv(field(), -1.0, time=1)
+
+
+def test_the_command(tmp_path, capsys):
+    source, mesh, plane = (tmp_path / name for name in ("velocity.nc", "field.vtkhdf", "plane.txt"))
+    write_velocity(source, field())
+    assert main(["export", str(source), str(mesh)]) == 0
+    assert main(["export", str(source), str(plane), "--z", "-0.5"]) == 0
+    assert plane.read_text().startswith("# x\ty\tu\tv\tflags\tmask\n")
+    before, _ = mesh.read_bytes(), capsys.readouterr()
+    wrong = {
+        ("field.vtkhdf",): "is there already; use --overwrite",
+        ("field.vtk",): "the ending tells the format",
+        ("other.txt",): "choose it with --z",
+        ("other.vtkhdf", "--z", "1"): "leave --z out",
+    }
+    for (name, *rest), said in wrong.items():
+        assert main(["export", str(source), str(tmp_path / name), *rest]) == 2
+        line = capsys.readouterr().err
+        assert said in line
+        assert line.count("\n") == 1
+    assert main(["export", str(tmp_path / "none.nc"), str(tmp_path / "other.vtkhdf")]) == 2
+    assert mesh.read_bytes() == before
+    assert not (tmp_path / "other.vtkhdf").exists()

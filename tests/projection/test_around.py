@@ -1,0 +1,136 @@
+"""Two cameras at a right angle: the same light, the same voxels, each in its own order."""
+
+import numpy as np
+import pytest
+from oracles.cameras import small_camera
+
+from plenopiv.errors import PlenoPIVError
+from plenopiv.lightfield import decode, layout
+from plenopiv.projection.around import CamerasAround, places_of, turned
+from plenopiv.projection.mounting import FRONT, SIDE, Mounting
+from plenopiv.projection.projector import Projector
+from plenopiv.reconstruction.around import reconstruct_around
+from plenopiv.reconstruction.settings import ReconstructionSettings
+from plenopiv.simulation.images import particle_image
+from plenopiv.simulation.particles import Particles
+from plenopiv.volume import SparseVolume, VoxelGrid
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+GRID = VoxelGrid.covering((-0.5, 0.6), (-0.3, 0.3), (-0.6, 0.5), (0.04, 0.03, 0.05))
+BELOW = Mounting((1, 3, -2))  # on the -y side, its y along z
+MOUNTINGS = (FRONT, SIDE, BELOW)
+
+
+def listed(share=0.05, seed=0):
+    rng = np.random.default_rng(seed)
+    volume = SparseVolume.from_mask(GRID, rng.random(GRID.shape) < share)
+    return volume.with_values(rng.random(volume.column.size).astype(np.float32))
+
+
+def cameras(microlenses=(40, 40)):
+    where = layout(small_camera("hexagonal", microlenses=microlenses))
+    mountings = (FRONT, SIDE)
+    return CamerasAround(GRID, [Projector(where, m.grid(GRID)) for m in mountings], mountings)
+
+
+def centres(volume):
+    """Of the listed voxels, (n, 3) mm."""
+    return np.stack([axis[place] for axis, place in zip(volume.grid.axes(), places_of(volume), strict=True)], -1)
+
+
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+def test_a_turned_list_holds_the_same_light_at_the_same_places(mounting):
+    volume = listed()
+    own, order = turned(volume, mounting)
+    np.testing.assert_allclose(centres(own), mounting.in_camera(centres(volume)[order]), atol=1e-12)
+    np.testing.assert_array_equal(own.values, volume.values[order])
+    rank = np.ravel_multi_index(places_of(own)[::-1], own.grid.shape)
+    assert (np.diff(rank) > 0).all()
+    assert own.row_start[-1] == own.column.size
+
+
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+def test_the_dense_volume_turned_by_hand(mounting):
+    volume = listed()
+    by_hand = np.transpose(volume.dense().values, [3 - abs(a) for a in mounting.axes[::-1]])
+    flip = tuple(axis for axis, a in enumerate(mounting.axes[::-1]) if a < 0)
+    np.testing.assert_array_equal(turned(volume, mounting).volume.dense().values, np.flip(by_hand, flip))
+
+
+def test_signs_of_a_camera_at_the_side():
+    """On the +x side it sees +z on its left, +y up, and +x comes nearer."""
+    np.testing.assert_allclose(SIDE.in_camera([[1, 0, 0], [0, 1, 0], [0, 0, 1]]), [[0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    assert SIDE.limits(((-1, 2), (-3, 4), (-5, 6))) == ((-6, 5), (-3, 4), (-1, 2))
+
+
+@pytest.mark.parametrize("axes", [(1, 2, -3), (2, 1, 3), (1, 1, 3), (0, 2, 3), (1, 2, 4)])
+def test_frames_that_are_none(axes):
+    with pytest.raises(PlenoPIVError, match="right-handed"):
+        Mounting(axes)
+
+
+def test_views_of_each_camera_are_its_own():
+    around, volume = cameras(), listed()
+    first, second = around.projectors
+    views = np.array([3, first.views + 5, 0])
+    images = around.forward(views, volume)
+    np.testing.assert_array_equal(images[[0, 2]], first.forward([3, 0], volume))
+    np.testing.assert_array_equal(images[1], second.forward(5, turned(volume, SIDE).volume))
+
+
+def test_forward_and_back_are_transposes():
+    around, volume, rng = cameras(), listed(), np.random.default_rng(1)
+    views = np.array([2, 60, around.projectors[0].views + 7])
+    images = rng.random((3, around.seen.shape[1])).astype(np.float32)
+    light = np.concatenate([p.light_of_planes() for p in around.projectors])
+    assert np.ptp(light) < 0.03 * light.mean()  # a view's light: a voxel's share of it, in a camera of this depth
+    there = np.sum(around.forward(views, volume) * images, dtype=np.float64)
+    back = np.sum(around.gather(views, images, volume) * volume.values, dtype=np.float64) * light.mean()
+    assert back == pytest.approx(there, rel=0.03)
+
+
+def test_voxels_left_by_all():
+    around, a, b = cameras(), listed(0.3, 1), listed(0.3, 2)
+    left = around.left_by_all([a, turned(b, SIDE).volume])
+    np.testing.assert_array_equal(left.dense().values > 0, (a.dense().values > 0) & (b.dense().values > 0))
+
+
+def frame(place_mm, around, light=20_000.0):
+    fields = []
+    for projector, mounting in zip(around.projectors, around.mountings, strict=True):
+        where = projector.layout
+        image = particle_image(where.camera, Particles(mounting.in_camera([place_mm]), np.float64(light)), rays=200_000)
+        fields.append(decode(image + where.camera.sensor.black_level, where))
+    return fields
+
+
+@pytest.mark.parametrize("place", [(0.3, 0.1, -0.4), (-0.3, -0.12, 0.3)])
+def test_a_particle_is_found_where_it_is(place):
+    around = cameras()
+    found = reconstruct_around(frame(place, around), around, ReconstructionSettings())
+    volume = found.volume
+    centre = (centres(volume) * volume.values[:, None]).sum(0) / volume.values.sum()
+    assert (np.abs(centre - place) < 0.6 * np.array(GRID.voxel_mm)).all()  # lone light may gather in one voxel
+
+
+def test_a_voxel_gets_its_light_back_once_not_once_for_each_camera():
+    around = cameras()
+    found = reconstruct_around(frame((0.28, 0.105, -0.375), around), around, ReconstructionSettings())  # its middle
+    assert found.volume.values.sum() == pytest.approx(20_000.0, rel=0.1)
+
+
+def test_frames_that_do_not_belong_together():
+    around = cameras()
+    first, _ = frame((0.3, 0.25, -0.4), around)
+    _, second = frame((-0.3, -0.25, 0.3), around)
+    with pytest.raises(PlenoPIVError, match=r"^frame 7: no voxel is left by all cameras; check how they are mounted"):
+        reconstruct_around([first, second], around, ReconstructionSettings(), name="frame 7")
+    with pytest.raises(PlenoPIVError, match=r"^frame 7: 1 light fields for 2 cameras"):
+        reconstruct_around([first], around, ReconstructionSettings(), name="frame 7")
+
+
+def test_a_projector_of_other_voxels():
+    where = layout(small_camera("square"))
+    with pytest.raises(PlenoPIVError, match="camera 2: its voxels are not the volume's"):
+        CamerasAround(GRID, [Projector(where, GRID)] * 2, (FRONT, SIDE))
