@@ -98,7 +98,7 @@ def find_peaks(correlation, gain, displacement, peak_ratio, found, place, untilt
     count, nz, ny, nx = correlation.shape
     for n in range(count):
         c, g = correlation[n], gain[n if gain.shape[0] > 1 else 0]
-        best, pz, py, px = np.float32(0.0), -1, 0, 0
+        best, pz, py, px = np.float32(0.0), np.int64(-1), np.int64(0), np.int64(0)
         for k in range(1, nz - 1):
             for j in range(1, ny - 1):
                 for i in range(1, nx - 1):

@@ -57,7 +57,7 @@ def transform_windows(a, b, z, y, x, trust, plans, wide, high, pairs, lit):
         own, marked = min(n, z.shape[0] - 1), min(n, trust.shape[0] - 1)
         if n > 0 and plans[0].points * plans[1].points * wide > z.shape[1] * y.shape[1] * x.shape[1]:
             space[:] = np.float32(0)
-        one = weigh(a, n, z[own], y[own], x[own], trust[marked], space, 0, plane, wide)
+        one = weigh(a, n, z[own], y[own], x[own], trust[marked], space, np.int64(0), plane, wide)
         two = weigh(b, n, z[own], y[own], x[own], trust[marked], space, whole, plane, wide)
         lit[n] = one and two
         forward(plans, wide, high, space, rows, pairs[n], work)

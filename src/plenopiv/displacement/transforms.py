@@ -87,12 +87,13 @@ def transform(plan, source, at, step, apart, target, to, to_step, to_apart, work
     """Transform LANES lines: points ``step`` floats apart from ``at`` on in ``source``, imaginary parts ``apart``
     floats after real ones, to ``target`` likewise. ``work`` holds two lines of POINTs. With real and imaginary parts
     exchanged on both sides (``apart`` negative) it is the inverse, but for 1 / points."""
-    stages, room, stride, left, first = plan.radices.size, plan.points * POINT, 1, plan.points, 0
+    stages, room, left = plan.radices.size, plan.points * POINT, plan.points
+    stride, first, point, lanes = np.int64(1), np.int64(0), np.int64(POINT), np.int64(LANES)  # of one type: one stage
     for number in range(stages):
         radix = plan.radices[number]
         m = left // radix
-        x, x_at, x_step, x_apart = work, (number & 1) * room, POINT, LANES
-        y, y_at, y_step, y_apart = work, (1 - (number & 1)) * room, POINT, LANES
+        x, x_at, x_step, x_apart = work, (number & 1) * room, point, lanes
+        y, y_at, y_step, y_apart = work, (1 - (number & 1)) * room, point, lanes
         if number == 0:
             x, x_at, x_step, x_apart = source, at, step, apart
         if number == stages - 1:

@@ -124,7 +124,7 @@ def footprint_box(geo, table, reach):
     """Half widths in voxels of the box around a footprint, and the width of the ramp at its edge, (nz, 3)."""
     for k in range(table.shape[0]):
         plane = plane_of(table, k)
-        reach[k, 0], reach[k, 1] = box_of(geo, plane, EXACT)
+        reach[k, 0], reach[k, 1] = box_of(geo, plane, np.int64(EXACT))
         reach[k, 2] = F(2) * min(plane.half, F(0.5)) / max(abs(plane.cell_x), abs(plane.cell_y))
 
 

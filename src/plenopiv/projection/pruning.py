@@ -75,7 +75,7 @@ def footprint_of(geo, plane, s, t, qx, qy):
 def sharpness(geo, plane):
     """Over all places of a voxel in a plane, the integrals of its share of a pixel and of the share's square
     (cells^2), and the largest share."""
-    wide, high = reach_of(geo, plane, EXACT)
+    wide, high = reach_of(geo, plane, np.int64(EXACT))
     total, squares, most = 0.0, 0.0, F(0)
     for j in range(INTEGRATION):
         for i in range(INTEGRATION):

@@ -17,6 +17,7 @@ from plenopiv.projection.rows import first_line, spread_rows, sum_rows
 from plenopiv.projection.views import Views
 
 F, U = np.float32, np.uint64
+ZERO = np.int64(0)  # of a plain 0 Numba makes a type of its own, and compiles twice what takes it
 BLOCK = 256  # pixels placed at once
 STRIP = 1 << 17  # points worked on at once: they stay in the second-level cache
 OFF = F(1.15)  # px that a pixel's q may be off its view's: its phase, its lit part's middle, drift
@@ -144,7 +145,7 @@ def forward_plane(geo, plane, shape, border, own, views, row_start, column, valu
     height, width, _ = size
     lines = strip.size // width
     strip[: lines * width] = F(0)
-    top = j = 0
+    top = j = ZERO
     while True:
         bottom = min(top + lines, height)
         stop = rows_before(shape, bottom, ny)
@@ -169,7 +170,7 @@ def gather_plane(
     height, width, _ = size
     lines = strip.size // width
     strip[: lines * width] = F(0)
-    top = written = j = 0
+    top = written = j = ZERO
     while True:
         bottom = min(top + lines, height)
         for n in range(views.start.size - 1):

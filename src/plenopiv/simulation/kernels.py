@@ -89,8 +89,8 @@ def trace_items(
     for item in range(begin, end):
         p = particle[item]
         own = mix(seed, p)
-        shift, angle0 = _uniform(own, 0), _uniform(own, 1)
-        ray_seed = mix(own, 2)
+        shift, angle0 = _uniform(own, np.int64(0)), _uniform(own, np.int64(1))
+        ray_seed = mix(own, np.int64(2))
         col_lo, row_lo, cols, rows = window[item]
         base = start[item]
         angle = 2.0 * pi * ((first_ray[item] * GOLDEN + angle0) % 1.0)
