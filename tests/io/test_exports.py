@@ -18,7 +18,9 @@ DIMS = ("time", "z", "y", "x")
 
 def field(times=1):
     """u = x, v = 10 y, w = 100 z (and 1000 a step of time) in m/s per mm; one vector replaced, one unseen."""
-    z, y, x = (first + step * np.arange(n) for first, step, n in zip((-1, 2, -3), (0.5, 0.25, 2), SHAPE, strict=True))
+    z, y, x = (
+        first + step * np.arange(n) for first, step, n in zip((-1.0, 2.0, -3.0), (0.5, 0.25, 2.0), SHAPE, strict=True)
+    )
     t = np.arange(times, dtype=float)
     tt, zz, yy, xx = np.meshgrid(t, z, y, x, indexing="ij")
     valid = np.ones(tt.shape, np.int8)
@@ -51,12 +53,19 @@ def test_vtk_reads_the_velocity_back(tmp_path, pyvista):
 
 def test_vtk_reads_several_times(tmp_path, pyvista):
     write_vtkhdf(tmp_path / "field.vtkhdf", field(times=3))
-    reader = pyvista.get_reader(tmp_path / "field.vtkhdf")
-    assert list(reader.time_values) == [0.5, 1.5, 2.5]
-    for number, time in enumerate(reader.time_values):
-        reader.set_active_time_value(time)
-        mesh = reader.read()
+    from vtkmodules.vtkIOHDF import vtkHDFReader
+
+    reader = vtkHDFReader()
+    reader.SetFileName(str(tmp_path / "field.vtkhdf"))
+    reader.UpdateInformation()
+    assert reader.GetNumberOfSteps() == 3
+    for number, time in enumerate((0.5, 1.5, 2.5)):
+        reader.SetStep(number)
+        reader.Update()
+        mesh = pyvista.wrap(reader.GetOutput())
+        assert reader.GetTimeValue() == time
         np.testing.assert_allclose(mesh["velocity"][:, 2], 100 * mesh.points[:, 2] + 1000 * number, rtol=1e-6)
+        assert (mesh["valid"] == 0).sum() == 1
 
 
 def test_vtk_reads_a_volume(tmp_path, pyvista):
@@ -78,8 +87,12 @@ def test_a_vtkhdf_file_says_what_the_format_demands(tmp_path):
         root = file["VTKHDF"]
         assert root.attrs["Type"] == b"ImageData"
         assert list(root.attrs["WholeExtent"]) == [0, 4, 0, 3, 0, 2]
-        assert root["PointData/velocity"].shape == (1, *SHAPE, 3)
-        assert root["Steps"].attrs["NSteps"] == 1
+        assert root["PointData/velocity"].shape == (*SHAPE, 3)
+    write_vtkhdf(tmp_path / "field.vtkhdf", field(times=2))
+    with h5py.File(tmp_path / "field.vtkhdf") as file:
+        root = file["VTKHDF"]
+        assert root["PointData/velocity"].shape == (2, *SHAPE, 3)
+        assert root["Steps"].attrs["NSteps"] == 2
 
 
 def test_openpiv_s_rows_come_from_above_and_v_is_upward(tmp_path):

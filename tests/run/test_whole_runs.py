@@ -4,6 +4,7 @@ import json
 import shutil
 import sys
 
+import h5py
 import numpy as np
 import pytest
 import tifffile
@@ -42,6 +43,19 @@ def test_signs_and_units_from_particle_to_velocity(recorded, tmp_path, orientati
         assert float(stored.time.values[0]) == pytest.approx(0.00025)
         assert all((np.diff(stored[axis]) > 0).all() for axis in "xyz")
         assert middle_error_voxels(stored) == pytest.approx(middle_error_voxels(result.velocity))
+
+
+def test_volumes_of_all_frames_where_asked(recorded, tmp_path):
+    folder = tmp_path / "recording"
+    shutil.copytree(recorded, folder)
+    text = (folder / "experiment.toml").read_text()
+    (folder / "experiment.toml").write_text(text + "volumes = true\n")  # [output] is the last table
+    result = plenopiv.process(plenopiv.load(folder / "experiment.toml"))
+    for name in ("a", "b"):
+        with h5py.File(folder / "results" / f"volume-{name}.vtkhdf") as file:
+            volume = file["VTKHDF/PointData/intensity"][:]
+        kept = result.summary["reconstruction"][f"{name}.tif"]["voxels_kept"]
+        assert np.count_nonzero(volume) == kept > 0
 
 
 def test_the_results_folder(experiment, capsys):

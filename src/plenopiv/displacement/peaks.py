@@ -103,7 +103,7 @@ def find_peaks(correlation, gain, displacement, peak_ratio, found, place, untilt
             for j in range(1, ny - 1):
                 for i in range(1, nx - 1):
                     if c[k, j, i] > best:
-                        best, pz, py, px = c[k, j, i], k, j, i
+                        best, pz, py, px = c[k, j, i], np.int64(k), np.int64(j), np.int64(i)
         if pz < 0:
             displacement[n, :] = 0.0
             peak_ratio[n] = 0.0

@@ -34,18 +34,20 @@ def write_vtkhdf(path: str | Path, dataset: xarray.Dataset) -> None:
         PlenoPIVError: the file cannot be written; nothing is left behind.
     """
     vectors = {"velocity": ("u", "v", "w"), "velocity_std": ("u_std", "v_std", "w_std")}
-    fields = {name: parts for name, parts in vectors.items() if all(part in dataset for part in parts)}
+    fields: dict[str, tuple[str, ...]] = {
+        n: parts for n, parts in vectors.items() if all(part in dataset for part in parts)
+    }
     taken = {part for parts in fields.values() for part in parts}
     dims = ("time", "z", "y", "x")
-    with _image(path, *_axes(dataset), steps=dataset.time.values) as points:
+    fields |= {str(n): (str(n),) for n, v in dataset.data_vars.items() if set(v.dims) == set(dims) and n not in taken}
+    several = dataset.sizes["time"] > 1  # of a single step the reader knows no axis
+    first, spacing, shape = _axes(dataset)
+    with _image(path, first, spacing, shape, dataset.time.values if several else None) as points:
         for name, parts in fields.items():
-            stacked = np.stack([dataset[part].transpose(*dims).values for part in parts], -1)
-            points.create_dataset(name, data=stacked.astype(np.float32), compression="gzip", shuffle=True)
-        for name, variable in dataset.data_vars.items():
-            if set(variable.dims) == set(dims) and name not in taken:
-                values = variable.transpose(*dims).values
-                small = values.astype(np.uint8 if values.dtype == bool else values.dtype)
-                points.create_dataset(str(name), data=small, compression="gzip", shuffle=True)
+            values = np.stack([dataset[part].transpose(*dims).values for part in parts], -1)
+            small = np.uint8 if values.dtype == bool else np.float32 if values.dtype == np.float64 else values.dtype
+            kept = values.astype(small) if several else values.astype(small)[0]
+            points.create_dataset(name, data=kept, compression="gzip", shuffle=True)
 
 
 def write_volume_vtkhdf(path: str | Path, volume: Volume, name: str = "intensity") -> None:
