@@ -8,6 +8,7 @@ from oracles.cameras import small_camera
 from plenopiv.lightfield import layout
 from plenopiv.projection.maps import ACROSS
 from plenopiv.projection.projector import Projector
+from plenopiv.projection.strips import room_of
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 GRID = VoxelGrid.covering((-0.41, 0.39), (-0.3, 0.33), (-2.1, 2.0), (0.0385, 0.0385, 0.0385 * 4))
@@ -66,7 +67,7 @@ def test_strips_change_nothing_but_rounding(strip, threads, monkeypatch):
     assert shape[:, 4].max() > 1
     assert shape[:, 5].max() > 0
     cut = Projector(where, fine, "exact")
-    cut.mapped.strip = strip
+    cut.mapped.room = room_of(shape, strip)
     rng = np.random.default_rng(4)
     volume = SparseVolume.from_mask(fine, rng.random(fine.shape) < 0.05)
     volume = volume.with_values(rng.random(volume.column.size).astype(np.float32))

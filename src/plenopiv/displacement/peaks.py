@@ -10,6 +10,7 @@ from plenopiv.kernels import kernel
 
 LEAST = 0.02  # determinant of a peak's curvatures over the product of those along the axes
 FARTHEST = 1.0  # voxels of a top from the highest voxel along any axis: on a slanted ridge more than half a voxel
+Z, Y, X = np.int64(0), np.int64(1), np.int64(2)  # as arguments: a plain number is a type of its own
 PEAK_RADIUS = 3  # voxels: a second peak this close on every axis is the flank of the first
 
 
@@ -69,7 +70,7 @@ def untilted(r, z, y, x, matrix):
     matrix[0, 0] = matrix[1, 1] = matrix[2, 2] = 1.0
     if a <= 0.0 or b <= 0.0 or c <= 0.0:
         return
-    xy, xz, yz = twist(r, z, y, x, 1, 2), twist(r, z, y, x, 0, 2), twist(r, z, y, x, 0, 1)
+    xy, xz, yz = twist(r, z, y, x, Y, X), twist(r, z, y, x, Z, X), twist(r, z, y, x, Z, Y)
     while True:
         p, q, s = xy * xy / (a * b), xz * xz / (a * c), yz * yz / (b * c)
         determinant = 1.0 - p - q - s + 2.0 * xy * xz * yz / (a * b * c)
@@ -126,7 +127,7 @@ def find_peaks(correlation, gain, displacement, peak_ratio, found, place, untilt
         pz, py, px = _nearest_top(c, g, pz, py, px)
         place[n, 0], place[n, 1], place[n, 2] = px - nx // 2, py - ny // 2, pz - nz // 2
         r = c[pz - 1 : pz + 2, py - 1 : py + 2, px - 1 : px + 2] * g[pz - 1 : pz + 2, py - 1 : py + 2, px - 1 : px + 2]
-        untilted(r, 1, 1, 1, untilt[n])
+        untilted(r, Y, Y, Y, untilt[n])
         x = gaussian_offset(r[1, 1, 0], r[1, 1, 1], r[1, 1, 2])
         y = gaussian_offset(r[1, 0, 1], r[1, 1, 1], r[1, 2, 1])
         z = gaussian_offset(r[0, 1, 1], r[1, 1, 1], r[2, 1, 1])

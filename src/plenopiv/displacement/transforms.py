@@ -20,6 +20,7 @@ from plenopiv.kernels import inlined, kernel
 
 RADICES = (4, 5, 3, 2)
 POINT = 2 * LANES  # floats of a complex point in working memory
+ZERO, WIDE, SIDE = np.int64(0), np.int64(POINT), np.int64(LANES)  # as arguments: a plain number is a type of its own
 
 _butterfly_2, _butterfly_3, _butterfly_4, _butterfly_5 = (butterfly(r) for r in (2, 3, 4, 5))
 
@@ -88,12 +89,12 @@ def transform(plan, source, at, step, apart, target, to, to_step, to_apart, work
     floats after real ones, to ``target`` likewise. ``work`` holds two lines of POINTs. With real and imaginary parts
     exchanged on both sides (``apart`` negative) it is the inverse, but for 1 / points."""
     stages, room, left = plan.radices.size, plan.points * POINT, plan.points
-    stride, first, point, lanes = np.int64(1), np.int64(0), np.int64(POINT), np.int64(LANES)  # of one type: one stage
+    stride, first = np.int64(1), ZERO
     for number in range(stages):
         radix = plan.radices[number]
         m = left // radix
-        x, x_at, x_step, x_apart = work, (number & 1) * room, point, lanes
-        y, y_at, y_step, y_apart = work, (1 - (number & 1)) * room, point, lanes
+        x, x_at, x_step, x_apart = work, (number & 1) * room, WIDE, SIDE
+        y, y_at, y_step, y_apart = work, (1 - (number & 1)) * room, WIDE, SIDE
         if number == 0:
             x, x_at, x_step, x_apart = source, at, step, apart
         if number == stages - 1:
@@ -123,10 +124,10 @@ def forward(plans, wide, high, space, rows, spectrum, work):
             for x in range(0, wide, LANES):
                 transpose(rows, y * wide + x, wide, columns, x * POINT, POINT)
                 transpose(rows, plane + y * wide + x, wide, columns, x * POINT + LANES, POINT)
-            transform(along_x, columns, 0, POINT, LANES, spectrum, z * nx * high + y, high, flat, work)
+            transform(along_x, columns, ZERO, WIDE, SIDE, spectrum, z * nx * high + y, high, flat, work)
 
 
-@inlined
+@kernel
 def inverse_plane(plans, wide, spectrum, at, apart, high, begin, rows, work):
     """Of one plane of a spectrum from ``at`` on the inverse along x, as rows (2, ny', ``wide``): their first column is
     x = ``begin`` (which wraps around), times nx."""
@@ -135,7 +136,7 @@ def inverse_plane(plans, wide, spectrum, at, apart, high, begin, rows, work):
     lines = 2 * POINT * nx
     columns = work[lines:]
     for y in range(0, along_y.points, LANES):
-        transform(along_x, spectrum, at + apart + y, high, -apart, columns, LANES, POINT, -LANES, work)
+        transform(along_x, spectrum, at + apart + y, high, -apart, columns, SIDE, WIDE, -SIDE, work)
         turned = begin % nx
         for x in range(0, wide, LANES):
             for lane in range(LANES):
@@ -154,7 +155,7 @@ def inverse(plans, wide, high, spectrum, rows, space, work):
     nz, nx, plane = along_z.points, along_x.points, high * wide
     whole, flat = nz * plane, nz * nx * high
     for z in range(nz):
-        inverse_plane(plans, wide, spectrum, z * nx * high, flat, high, 0, rows, work)
+        inverse_plane(plans, wide, spectrum, z * nx * high, flat, high, ZERO, rows, work)
         for x in range(0, wide, LANES):
             to = z * plane + x
             transform(along_y, rows, plane + x, wide, -plane, space, whole + to, wide, -whole, work)
@@ -182,7 +183,7 @@ def inverse_near_zero(plans, high, half, radius, turns, rows, near, out, work):
         inverse_plane(plans, wide, half, kz * nx * high, planes * nx * high, high, -rx - 1, rows, work)
         for x in range(0, wide, LANES):
             columns = work[2 * POINT * ny :]
-            transform(along_y, rows, plane + x, wide, -plane, columns, LANES, POINT, -LANES, work)
+            transform(along_y, rows, plane + x, wide, -plane, columns, SIDE, WIDE, -SIDE, work)
             for dy in range(height):
                 y, to = (dy - ry - 1) % ny, kz * flat + dy * wide + x
                 for i in range(LANES):

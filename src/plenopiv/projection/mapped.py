@@ -36,7 +36,7 @@ class MappedViews:
         self.layout, self.grid, self.rim = layout, grid, rim
         self.rows, self.planes, self.lens_mm = rows, planes, lens_mm
         self.maps = maps(self.rows, self.planes, grid.shape, across)
-        self.strip = strips.STRIP
+        self.room = strips.room_of(self.maps.shape, strips.STRIP)
         downwards = self.planes[0, geometry.Plane._fields.index("voxel_t")]
         self._by_row = np.argsort(np.sign(downwards) * self.lens_mm[:, 1], kind="stable")
         self._widest = widest(self.maps)
@@ -94,7 +94,7 @@ class MappedViews:
         return found
 
     def _kernel_arguments(self, volume: SparseVolume, pixels: Views):
-        about = self.maps, self.strip, pixels, self.grid.shape[1]
+        about = self.maps, self.room, pixels, self.grid.shape[1]
         return self.rows, self.planes, *about, volume.row_start, volume.column
 
     def _gather(self, views: NDArray[np.int64], images, volume: SparseVolume, multiply: int, out) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import kernel
-from plenopiv.projection.pixels import EXACT, box_of, patch_area, plane_of
+from plenopiv.projection.pixels import EXACT, area_of, box_of, plane_of
 from plenopiv.projection.simd import LANES
 from plenopiv.threads import in_threads
 
@@ -144,5 +144,5 @@ def tabulate(begin, end, geo, table, shape, start, border, shares):
                 for i in range(columns):
                     ox = plane.cell_x * step * (F(right - i) + beyond_x)
                     x, y = geo.cos * ox + geo.sin * oy, geo.cos * oy - geo.sin * ox
-                    shares[at] = scale * patch_area(geo, x, y, plane.half, plane.half)
+                    shares[at] = scale * area_of(geo, x, y, plane.half, plane.half)
                     at += 1

@@ -71,6 +71,9 @@ def patch_area(geo, x, y, half_x, half_y):
     return rectangle_in_hexagon(x, y, half_x, half_y) if geo.hexagonal else rectangle_in_square(x, y, half_x, half_y)
 
 
+area_of = kernel(patch_area.py_func)  # compiled once for all that do not need it in vectors
+
+
 @inlined
 def pixel_share(geo, plane, x, y):
     """Share of a pixel, all of it inside the aperture, that a voxel (x, y) cells off its footprint's centre gives."""

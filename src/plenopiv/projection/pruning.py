@@ -12,6 +12,7 @@ from plenopiv.kernels import borrowed, inlined, kernel
 from plenopiv.projection.pixels import (
     EXACT,
     ONE_RAY,
+    area_of,
     box_of,
     floor_of,
     pixel_share,
@@ -76,12 +77,12 @@ def sharpness(geo, plane):
     """Over all places of a voxel in a plane, the integrals of its share of a pixel and of the share's square
     (cells^2), and the largest share."""
     wide, high = reach_of(geo, plane, np.int64(EXACT))
-    total, squares, most = 0.0, 0.0, F(0)
+    total, squares, most, scale = 0.0, 0.0, F(0), F(0.25) / (plane.half * plane.half)
     for j in range(INTEGRATION):
         for i in range(INTEGRATION):
             x = F((i + 0.5) * (2.0 / INTEGRATION) - 1.0) * wide
             y = F((j + 0.5) * (2.0 / INTEGRATION) - 1.0) * high
-            share = pixel_share(geo, plane, x, y)
+            share = area_of(geo, x, y, plane.half, plane.half) * scale
             total += share
             squares += share * share
             most = max(most, share)

@@ -185,23 +185,13 @@ def gather_plane(
         top = first_line(shape, j)
 
 
-@kernel
-def strip_of(shape, size):
-    """Room for a strip of any plane's map: of ``size`` points, or of what two rows of voxels reach if that is more."""
+def room_of(shape, size):
+    """Points of a strip of any plane's map: ``size``, or what two rows of voxels reach if that is more; and number and
+    length of the lines of a row, as ``rows`` needs them."""
     most = 0
-    for k in range(shape.shape[0]):
-        lines = max(min(size // shape[k, 1], shape[k, 0]), 2 * shape[k, 2] + shape[k, 4] + 2)
-        most = max(most, lines * shape[k, 1])
-    return np.empty(most, np.float32)
-
-
-@kernel
-def lines_of(shape):
-    """Room for the lines of a row of any plane, as ``rows`` needs them."""
-    shift = width = 0
-    for k in range(shape.shape[0]):
-        shift, width = max(shift, shape[k, 5]), max(width, shape[k, 1])
-    return np.empty((1 + (1 << shift), width), np.float32)
+    for height, width, rows, _, points, _ in shape.tolist():
+        most = max(most, max(min(size // width, height), 2 * rows + points + 2) * width)
+    return most, 1 + (1 << int(shape[:, 5].max())), int(shape[:, 1].max())
 
 
 @inlined
@@ -233,15 +223,15 @@ def of_caller(views):
 
 
 @kernel
-def forward(begin, end, geo, planes, maps, points, views, ny, row_start, column, values, partial):
+def forward(begin, end, geo, planes, maps, room, views, ny, row_start, column, values, partial):
     """Light of the listed voxels in the pixels of views. Each row of ``partial`` (images, count) takes that of some of
-    the planes; rows ``begin`` to ``end`` are filled. ``points``: in a strip."""
+    the planes; rows ``begin`` to ``end`` are filled. ``room``: as ``room_of`` tells it."""
     nz, images, maps = maps.rank.size, partial.shape[0], unowned(maps)
     row_start, column = borrowed(row_start), borrowed(column)
     values, partial, views = borrowed(values), borrowed(partial), of_caller(views)
     for c in range(begin, end):
         partial[c] = F(0)
-        strip, spare = strip_of(maps.shape, points), lines_of(maps.shape)
+        strip, spare = np.empty(room[0], np.float32), np.empty((room[1], room[2]), np.float32)
         for k in range(nz * c // images, nz * (c + 1) // images):
             rows, any_light = listed(row_start, ny, k)
             if any_light:
@@ -252,7 +242,7 @@ def forward(begin, end, geo, planes, maps, points, views, ny, row_start, column,
 
 @kernel
 def gather(
-    begin, end, geo, planes, maps, points, views, ny, row_start, column, image, multiply, chunks, out
+    begin, end, geo, planes, maps, room, views, ny, row_start, column, image, multiply, chunks, out
 ):  # fmt: skip
     """For each listed voxel the sum of ``image`` (count,) over the pixels of views, each by the share of a wholly lit
     pixel that the voxel gives it, into ``out``; with ``multiply``, their number, ``out`` times ``factor_of`` it."""
@@ -260,7 +250,7 @@ def gather(
     row_start, column = borrowed(row_start), borrowed(column)
     image, out, views = borrowed(image), borrowed(out), of_caller(views)
     for c in range(begin, end):
-        strip, spare = strip_of(maps.shape, points), lines_of(maps.shape)
+        strip, spare = np.empty(room[0], np.float32), np.empty((room[1], room[2]), np.float32)
         for k in range(nz * c // chunks, nz * (c + 1) // chunks):
             rows, any_voxel = listed(row_start, ny, k)
             if any_voxel:

@@ -37,7 +37,7 @@ def lit_length(radius, base, v):
     return max(min(edge, F(0.5)), F(-0.5)) + F(0.5)
 
 
-@inlined
+@kernel
 def lit_part(radius, spread, qx, qy):
     """Lit share of a pixel at q that the rim may cut, and q of its lit part's middle, in a plane of a ``spread`` A."""
     along_x = abs(qx) > abs(qy)
