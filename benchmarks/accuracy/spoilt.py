@@ -59,7 +59,7 @@ CASES = {
     "dense": Case("dense seeding: 192 particles a window", Seeding(particles_per_microlens=6.0)),
     "shallow": Case("volume half as deep as what is lit", tables={"volume": {"z_mm": [-1.25, 1.25]}}),
     "fast": Case("35 voxels a frame along y, where windows find 24", drift_m_s=1.2),
-    "unrelated": Case("second frame of another flow", other_second_frame=True),
+    "unrelated": Case("second frame of another recording", other_second_frame=True),
     "wrong f_l": Case("f_l stated 10 % too small", tables={"camera": {"microlens_array": {"focal_length_mm": 0.277}}}),
     "wrong f_l, P_m": Case(
         "the same, aperture 11 % too large to match",
