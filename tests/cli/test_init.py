@@ -25,6 +25,18 @@ def test_init_drafts_a_file_that_loads(folder):
     assert experiment.recording().white().shape == (ROWS, COLUMNS)
 
 
+def test_init_says_what_to_do_next(folder, tmp_path, capsys):
+    capsys.readouterr()
+    assert main(["init", str(folder), str(tmp_path / "optics.json"), "--overwrite"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    file = folder / "experiment.toml"
+    assert lines[0] == f"{file}: drafted for White_0.tif and 2 frames, frame9.tif to frame10.tif"
+    assert [line.split("#")[0].strip() for line in lines[2:]] == [
+        f"plenopiv {command} {file}" for command in ("info", "check", "run")
+    ]
+    assert str(folder / "results") in lines[-1]
+
+
 @pytest.mark.parametrize(
     ("m", "distances"), [(-0.5, {}), (None, {"object_distance_mm": 150.0, "image_distance_mm": 75.0})]
 )

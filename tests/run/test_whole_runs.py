@@ -1,6 +1,7 @@
 """From raw images to velocity.nc and report: signs, units, files, refusals."""
 
 import json
+import re
 import shutil
 import sys
 
@@ -63,6 +64,10 @@ def test_the_results_folder(experiment, capsys):
     said = capsys.readouterr()
     assert "memory: about" in said.err
     folder = experiment.output_directory
+    words, velocity, report = said.out.splitlines()
+    assert re.fullmatch(r"\d+ vectors, \d+\.\d % replaced, (no|\d+) warnings?", words)
+    assert velocity == str(folder / "velocity.nc")
+    assert report.startswith(str(folder / "report.html"))
     assert {path.name for path in folder.iterdir()} == {
         "velocity.nc",
         "summary.json",

@@ -45,7 +45,15 @@ def init(folder: Path, sheet: Path, overwrite: bool) -> str:
         aside.replace(target)
     finally:
         aside.unlink(missing_ok=True)
-    return f"{target}: drafted for {white.name} and {len(frames)} frames\nRead it through, then: plenopiv run {target}"
+    return "\n".join(
+        [
+            f"{target}: drafted for {white.name} and {len(frames)} frames, {frames[0].name} to {frames[-1].name}",
+            "Read it through, then in this order:",
+            f"  plenopiv info {target}   # what to expect of this camera",
+            f"  plenopiv check {target}  # is the recording good, and does it agree with the file?",
+            f"  plenopiv run {target}    # writes {target.parent / 'results'}",
+        ]
+    )
 
 
 def images(folder: Path) -> tuple[Path, list[Path]]:

@@ -18,6 +18,13 @@ def run(file: Path, overwrite: bool, memory_gb: float | None = None) -> str:
     from plenopiv.run.frames import run as run_frames  # here: a mistake in the file is told before the kernels load
 
     with Progress() as progress:
-        run_frames(experiment, progress, overwrite, memory_gb=memory_gb)
-    folder = experiment.output_directory
-    return f"{folder / 'velocity.nc'}\n{folder / 'report.html'}"
+        result = run_frames(experiment, progress, overwrite, memory_gb=memory_gb)
+    folder, summary = experiment.output_directory, result.summary
+    replaced, warned = f"{100 * summary['replaced_share']:.1f} %", len(summary["warnings"])
+    return "\n".join(
+        [
+            f"{summary['vectors']} vectors, {replaced} replaced, {warned or 'no'} warning{'s'[: warned != 1]}",
+            f"{folder / 'velocity.nc'}",
+            f"{folder / 'report.html'}: look at it before the vectors",
+        ]
+    )

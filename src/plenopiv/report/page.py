@@ -177,8 +177,8 @@ def _reconstruction(
         content += [
             subheading(
                 "Residual",
-                "What the volume leaves unexplained of the pixels, met by each round. It should fall, and end near the "
-                "noise.",
+                "What the volume leaves unexplained of the pixels, met by each round. It should fall in the first "
+                "round or two and then stay. Light from outside the volume is left in it; much of that lets it rise.",
             ),
             drawn("residuals", charts.residual_figure(residuals), "residual by round", "chart narrow"),
         ]

@@ -1,0 +1,57 @@
+"""The chain of a run, one stage after the other, with the shape and unit of what passes from each to the next.
+
+    python examples/stage_by_stage.py [FOLDER]
+
+FOLDER, "ring" by default, holds an experiment.toml and its images: one that examples/vortex_ring.py made, or yours.
+Prints a line for each stage and writes FOLDER/stage_by_stage.nc, the same vectors as in velocity.nc of a run.
+"""
+
+import sys
+from pathlib import Path
+
+import plenopiv
+from plenopiv.calibration import find_lattice
+from plenopiv.displacement.multigrid import measure
+from plenopiv.io import write_velocity
+from plenopiv.lightfield import decode, layout
+from plenopiv.projection.projector import Projector
+from plenopiv.reconstruction.chain import reconstruct
+from plenopiv.reconstruction.focus import focus_weight
+from plenopiv.reconstruction.noise import counts_per_electron
+from plenopiv.velocity import velocity_dataset
+
+folder = Path(sys.argv[1] if len(sys.argv) > 1 else "ring")
+experiment = plenopiv.load(folder / "experiment.toml")
+
+recording = experiment.recording()  # frames and white image, their headers checked
+frames, white = [recording.frame(k) for k in (0, 1)], recording.white()
+assert white is not None, "this script finds the microlenses in a white image"
+print(f"recording      {len(recording)} frames, {white.shape} (rows, columns), {white.dtype} counts, upright")
+
+fit = find_lattice(white, experiment.camera())
+camera = experiment.camera().with_lattice(fit.lattice)
+print(f"calibration    {fit.microlenses} microlenses, {fit.residual_px:.3f} px off a regular lattice (RMS)")
+
+where = layout(camera)  # which pixel is which view's of which microlens; nothing is interpolated
+fields = [decode(frame, where) for frame in frames]
+print(f"light field    {fields[0].values.shape} (view, lens), {fields[0].values.dtype} counts above the black level")
+
+grid = experiment.grid()
+projector = Projector(where, grid, experiment.reconstruction.weights)  # weights, computed and never stored
+gain = counts_per_electron(decode(white, where))
+found = [
+    reconstruct(field, projector, experiment.reconstruction.settings(), counts_per_electron=gain) for field in fields
+]
+volume = found[0].volume
+print(f"reconstruction {grid.shape} (z, y, x) voxels of {grid.voxel_mm} mm, {100 * volume.occupancy:.2f} % hold light")
+print("               residual by round, counts:", *(f"{counts:.1f}" for counts in found[0].residuals))
+
+near_focus = focus_weight(camera, grid.axes()[2], experiment.reconstruction.focus_reach)  # (z,), 0 in focus
+pair = [one.volume.with_planes_scaled(near_focus) for one in found]
+displacement = measure(*pair, experiment.correlation.settings())
+print(f"displacement   {displacement.displacement.shape} (component x y z, z, y, x), voxels per frame")
+
+velocity = velocity_dataset(displacement, grid, recording.dt_s, time_s=0.5 * recording.dt_s)
+write_velocity(folder / "stage_by_stage.nc", velocity)
+print(f"velocity       {dict(velocity.sizes)}: {', '.join(map(str, velocity.data_vars))}")
+print("written:", folder / "stage_by_stage.nc")
