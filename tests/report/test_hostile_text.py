@@ -97,6 +97,8 @@ def hostile_page(path, text):
     content = tomllib.loads(TEXT)
     stored = text.encode("utf-8", "replace").decode()  # an experiment file is UTF-8
     content["recording"] |= {"white": f"{stored}.tif", "frames": [stored, f"b{stored}"]}
+    content["output"] = {"directory": stored}
+    content["simulation"] = {"flow": stored, "parameters": {stored: stored}}
     return write(
         path,
         Experiment.from_dict(content),
