@@ -49,7 +49,9 @@ def turned(names, turn, square=False):
 
 
 def other_camera(recorded, folder):
-    edited(good(recorded, folder), "white", lambda image: white_of(camera(rotation_rad=0.021, offset_mm=(-0.03, 0.005))))
+    edited(
+        good(recorded, folder), "white", lambda image: white_of(camera(rotation_rad=0.021, offset_mm=(-0.03, 0.005)))
+    )
 
 
 def out_of_order(recorded, folder):
@@ -65,9 +67,9 @@ FAULTS = {
         f_numbers, WARNED, "f-numbers do not match", "leave dark pixels between them", "-> open the main lens to",
     ),
     "overexposed": (exposed(8000.0), UNUSABLE, "a.tif is overexposed: ", "pixels are at full scale -> less light"),
-    "underexposed": (exposed(6.0), UNUSABLE, "a.tif is underexposed: a particle in focus gives a pixel", "-> more light"),
-    "rather dark": (exposed(15.0), WARNED, "a.tif is underexposed: a particle in focus gives a pixel", "-> more light"),
-    "too dense": (dense, WARNED, "seeding is too dense: about 7", "-> dilute to"),
+    "underexposed": (exposed(6.0), UNUSABLE, "a.tif is underexposed: a particle in focus gives", "-> more light"),
+    "rather dark": (exposed(15.0), WARNED, "a.tif is underexposed: a particle in focus gives", "-> more light"),
+    "too dense": (dense, WARNED, "seeding is too dense: about", "-> dilute to"),
     "white image mirrored": (
         turned(["white"], np.fliplr), UNUSABLE, FLIPPED.format("mirrored left to right"),
     ),

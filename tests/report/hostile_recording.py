@@ -31,7 +31,10 @@ def tag_with(path, text):
 def make(folder):
     """Simulate a small recording, spoil all its words, and return its experiment file."""
     camera = PlenopticCamera(
-        MainLens(50.0, 25.0, -1.0), Lattice("hexagonal", 0.077, 0.004, (0.01, -0.02)), 0.308, Sensor(300, 280, 0.0055, 12)
+        MainLens(50.0, 25.0, -1.0),
+        Lattice("hexagonal", 0.077, 0.004, (0.01, -0.02)),
+        0.308,
+        Sensor(300, 280, 0.0055, 12),
     )
     simulate_recording(
         folder,
@@ -60,5 +63,5 @@ def make(folder):
 
 def printable_lines(text):
     """Lines that a TOML comment may hold: UTF-8 without control characters."""
-    kept = "".join(c for c in text.encode("utf-8", "replace").decode() if c == "\n" or c >= " " and c != "\x7f")
+    kept = "".join(c for c in text.encode("utf-8", "replace").decode() if c == "\n" or (c >= " " and c != "\x7f"))
     return kept.split("\n")

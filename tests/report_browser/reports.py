@@ -1,4 +1,4 @@
-"""The reports that the browser sees: the demo's, one of a rotation before another camera, one of a recording at hand."""
+"""The reports that the browser sees: the demo's, one of a rotation before another camera, one of a recording."""
 
 import os
 from pathlib import Path
@@ -29,7 +29,10 @@ def rotation(folder):
     """Solid-body rotation before a camera unlike the demo's: square microlenses, M = -0.8, stored as on the chip; the
     truth is not known to the run."""
     camera = PlenopticCamera(
-        MainLens(50.0, 22.5, -0.8), Lattice("square", 0.077, -0.005, (0.02, -0.03)), 0.308, Sensor(560, 420, 0.0055, 12, 60)
+        MainLens(50.0, 22.5, -0.8),
+        Lattice("square", 0.077, -0.005, (0.02, -0.03)),
+        0.308,
+        Sensor(560, 420, 0.0055, 12, 60),
     )
     made = simulate_recording(
         folder / "recording",

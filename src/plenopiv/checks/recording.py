@@ -82,12 +82,9 @@ def check(
         if found is None:
             return replace(seen, findings=tuple(findings))
         seen = replace(seen, camera=camera.with_lattice(found.lattice))
-        black = camera.sensor.black_level
-        fits = []
-        for k, frame in enumerate(frames):
-            report("frames against the white image", k, len(frames))
-            fits.append(fit.fit(frame - black, image - black, seen.camera.image_pitch_px))
-        report("frames against the white image", len(frames), len(frames))
+        report("frames against the white image", 0, 1)
+        fits = fit.fits(frames, image, seen.camera.image_pitch_px, camera.sensor.black_level)
+        report("frames against the white image", 1, 1)
         findings += _worst([fit.judged(f, name) for f, name in zip(fits, names, strict=True)])
         seen = replace(seen, fit=fits[0])
         if any(finding.severity == "unusable" for finding in findings if finding.name in ("flipped", "other-camera")):
