@@ -109,6 +109,18 @@ class Visit:
             [selector, value],
         )
 
+    def photograph(self, folder, name, tall=4000):
+        """Save the page in pictures of ``tall`` pixels: of more than 8192 at once Chromium repeats the top."""
+        folder.mkdir(parents=True, exist_ok=True)
+        size = self.page.viewport_size
+        self.page.set_viewport_size({"width": size["width"], "height": tall})
+        height = self.page.evaluate("document.documentElement.scrollHeight")
+        for k in range(-(-height // tall)):
+            self.page.evaluate("top => window.scrollTo(0, top)", k * tall)
+            self.page.screenshot(path=folder / f"{name}-{k + 1}.png")
+        self.page.evaluate("window.scrollTo(0, 0)")
+        self.page.set_viewport_size(size)
+
     def places(self, selector):
         """Three values of a slider: near its beginning, in its middle, near its end."""
         low, high = self.page.evaluate(

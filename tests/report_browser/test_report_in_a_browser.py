@@ -34,6 +34,9 @@ OVERLAPS = """() => {
   }
   return found;
 }"""
+# Tables wider than the page, whose values would have to be scrolled to.
+TABLES_BEYOND = """() => [...document.querySelectorAll(".wide")].filter((e) => e.scrollWidth > e.clientWidth + 1)
+  .map((e) => e.textContent.trim().slice(0, 60))"""
 # On canvases: texts over one another, and texts that a canvas cuts off.
 ON_CANVASES = """() => {
   const found = [];
@@ -55,15 +58,14 @@ ON_CANVASES = """() => {
 @pytest.mark.parametrize("width", [1280, 390])
 def test_no_complaint_no_request_no_overlap(visit, width, scheme, request):
     made = visit(width, scheme)
-    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-    name = request.node.callspec.params["report"]
-    made.page.screenshot(path=SCREENSHOTS / f"{name}-{width}-{scheme}.png", full_page=True)
+    made.photograph(SCREENSHOTS, f"{request.node.callspec.params['report']}-{width}-{scheme}")
     assert made.complaints == []
     assert made.requests == [made.address]
     assert made.page.evaluate(OVERLAPS) == []
     assert made.page.evaluate("[...document.querySelectorAll('canvas')].some(canvas => canvas.written)")
     assert made.page.evaluate(ON_CANVASES) == []
     assert made.page.evaluate("document.documentElement.scrollWidth") <= width
+    assert made.page.evaluate(TABLES_BEYOND) == []
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
