@@ -23,7 +23,7 @@ function boxAround(context, limits, onPage, eye) {
   const write = (text, [left, top]) => {
     const wide = context.measureText(text).width / 2 + 3;
     const x = Math.min(Math.max(left, wide), across - wide), y = Math.min(Math.max(top, 9), down - 9);
-    if (Math.hypot(x - left, y - top) > 40) return; // its tick is far beyond the page
+    if (Math.hypot(x - left, y - top) > 70) return; // its tick is far beyond the page
     if (written.some((w) => Math.abs(w.x - x) < w.wide + wide && Math.abs(w.y - y) < 15)) return;
     written.push({ x, y, wide });
     context.fillText(text, x, y);
