@@ -5,6 +5,8 @@ import math
 import pytest
 from reports import MAKERS, ROOT
 
+import plenopiv
+
 SCREENSHOTS = ROOT / "build" / "screenshots"
 any_report = pytest.mark.parametrize("report", [next(iter(MAKERS))], indirect=True)  # of what no report changes
 
@@ -217,3 +219,12 @@ def test_no_hostile_text_runs(go, tmp_path, monkeypatch):
         made = go(path)
         assert (made.dialogs, made.complaints, made.requests) == ([], [], [made.address])
         made.page.context.close()
+
+
+@pytest.mark.filterwarnings("ignore:Glyph")
+def test_a_run_of_hostile_files_runs_nothing_else(go, tmp_path):
+    """Names, TIFF tags and comments of files, through a whole run."""
+    files = pytest.importorskip("hostile_recording", reason="tests/report is not on the path")
+    result = plenopiv.process(plenopiv.load(files.make(tmp_path / "recording")))
+    made = go(result.directory / "report.html")
+    assert (made.dialogs, made.complaints, made.requests) == ([], [], [made.address])
