@@ -19,7 +19,7 @@ test: lint  ## style, types, import order, and the quick tests
 test-full: lint  ## all tests, those of minutes too
 	$(BIN)/python -m pytest
 
-test-report: $(VENV)/.ready-dev demo  ## the demo's report in a headless Chromium without a network (apt-get install chromium)
+test-report: $(VENV)/.ready-dev demo  ## reports in a headless Chromium without a network (apt-get install chromium)
 	$(BIN)/python -m pip install --quiet -r requirements-browser.txt
 	PYTHONPATH=tests/report $(BIN)/python -m pytest tests/report_browser
 

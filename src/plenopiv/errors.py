@@ -9,3 +9,9 @@ class PlenoPIVError(Exception):
 
 class PlenoPIVWarning(UserWarning):
     """The run goes on, but the user should know; repeated in ``summary.json`` and the report."""
+
+
+def printable(text: str) -> str:
+    """Text on one line as a terminal and a figure may show it: escape codes, line ends and bytes of no encoding, which
+    a file's name or tags may hold, become "?"."""
+    return "".join(c if c.isprintable() else "?" for c in text)

@@ -67,6 +67,9 @@ def test_every_lens_at_the_same_sub_pixel_position(kind, pitch_px):
     [
         {"fill": 0.6},
         {"fill": 0.95},
+        {"fill": 0.97},
+        {"fill": 0.98},
+        {"fill": 1.03},
         {"fill": 1.08, "electrons": 1500.0},
         {"electrons": 60.0},
         {"falloff": 0.85},

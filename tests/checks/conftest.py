@@ -2,10 +2,12 @@
 
 import functools
 
+import numpy as np
 import pytest
 from recordings import GOOD, copied, record
 
-from plenopiv.checks import white
+from plenopiv.checks import motion, white
+from plenopiv.checks.motion import Motion
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -41,6 +43,13 @@ def recorded(tmp_path_factory):
         return made[name]
 
     return folder
+
+
+@pytest.fixture
+def still(monkeypatch):
+    """Nothing moves: spares looking for the displacement where a test is of something else."""
+    found = Motion(np.zeros((1, 3)), np.zeros((1, 3)), 1.0)
+    monkeypatch.setattr(motion, "motion", lambda *given: found)
 
 
 @pytest.fixture

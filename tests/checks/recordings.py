@@ -12,7 +12,8 @@ from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.recording import Seeding, simulate_recording
-from plenopiv.simulation.sensor_noise import SensorNoise
+from plenopiv.simulation.sensor_noise import SensorNoise, digitise
+from plenopiv.simulation.white import white_image
 
 VELOCITY_M_S = (0.11, -0.06, 0.17)  # 3.2, -1.8 and 1.1 voxels in 0.5 ms
 PPM = 1.0
@@ -72,6 +73,11 @@ def looked_at(folder, **changes):
 def wrong(found):
     """What is not good: finding by name."""
     return {finding.name: finding for finding in found.findings if finding.severity != "good"}
+
+
+def white_of(of, seed=5):
+    """The white image of a camera, in counts."""
+    return digitise(white_image(of, 3000.0), of.sensor, SensorNoise(), np.random.default_rng(seed))
 
 
 def copied(folder, to):

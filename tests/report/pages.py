@@ -1,6 +1,7 @@
 """What several tests of the report share: a small field, an experiment, and the page as a parser reads it."""
 
 import base64
+import functools
 import json
 import tomllib
 from html.parser import HTMLParser
@@ -10,7 +11,7 @@ import xarray as xr
 
 from plenopiv.experiment import Experiment
 from plenopiv.lightfield import LightField, layout
-from plenopiv.report import light_field_stacks, projections, raw_crops, volume_stack, write_report
+from plenopiv.report import charts, figures, light_field_stacks, projections, raw_crops, volume_stack, write_report
 from plenopiv.volume import DenseVolume
 
 TEXT = """
@@ -62,16 +63,32 @@ def field(shape=(4, 5, 6), nan=False):
 
 def everything(experiment, name="a.tif"):
     """Crops, projections and stacks of noise."""
-    camera, rng = experiment.camera(), np.random.default_rng(0)
+    image, views, stacks = _pictures()
+    return {"crops": raw_crops(image, experiment.camera(), name), "views": views, "stacks": list(stacks)}
+
+
+@functools.cache
+def _pictures():
+    experiment, rng = example(), np.random.default_rng(0)
     image = rng.integers(0, 4000, (224, 280)).astype(np.uint16)
     volume = DenseVolume(experiment.grid(), rng.random(experiment.grid().shape, np.float32))
-    where = layout(camera)
+    where = layout(experiment.camera())
     light = LightField(where, np.where(where.seen, rng.random(where.seen.shape), 0).astype(np.float32) * 100)
-    return {
-        "crops": raw_crops(image, camera, name),
-        "views": projections(volume),
-        "stacks": [volume_stack(volume), *light_field_stacks(light, (-1.0, 1.0))],
-    }
+    return image, projections(volume), (volume_stack(volume), *light_field_stacks(light, (-1.0, 1.0)))
+
+
+def without_figures(patch):
+    """Draw no figure in pages from now on: every one is an empty picture. ``patch`` is pytest's monkeypatch."""
+    for room in (charts, figures):
+        for name in [name for name in vars(room) if name.endswith("_figure")]:
+            patch.setattr(room, name, lambda *given: None)
+    patch.setattr(figures, "png", lambda figure: EMPTY)
+
+
+# one transparent pixel
+EMPTY = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNkYPhfDwAChwGA60e6kgAAAABJRU5ErkJggg=="
+)
 
 
 def write(path, experiment, dataset=None, summary=SUMMARY, title="Velocity of <jet>", **options):

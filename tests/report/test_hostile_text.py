@@ -7,7 +7,7 @@ import tomllib
 from itertools import islice
 
 import pytest
-from pages import SUMMARY, TEXT, Parsed, everything, example, field, write
+from pages import SUMMARY, TEXT, Parsed, everything, example, field, without_figures, write
 
 from plenopiv.experiment import Experiment
 from plenopiv.report.document import data_block, page, scripts
@@ -97,6 +97,8 @@ def hostile_page(path, text):
     content = tomllib.loads(TEXT)
     stored = text.encode("utf-8", "replace").decode()  # an experiment file is UTF-8
     content["recording"] |= {"white": f"{stored}.tif", "frames": [stored, f"b{stored}"]}
+    content["output"] = {"directory": stored}
+    content["simulation"] = {"flow": stored, "parameters": {stored: stored}}
     return write(
         path,
         Experiment.from_dict(content),
@@ -107,11 +109,18 @@ def hostile_page(path, text):
     )
 
 
+@pytest.fixture(scope="module")
+def tame(tmp_path_factory):
+    """A page with harmless text in the same places."""
+    with pytest.MonkeyPatch.context() as patch:
+        without_figures(patch)
+        return Parsed(hostile_page(tmp_path_factory.mktemp("tame") / "tame.html", "tame"))
+
+
 @pytest.mark.parametrize("text", HOSTILE, ids=range(50))
-def test_hostile_text_adds_no_element_and_no_attribute(tmp_path, text, monkeypatch):
-    monkeypatch.setattr("plenopiv.report.page.figures.png", lambda figure: b"")  # drawn in the next test
+def test_hostile_text_adds_no_element_and_no_attribute(tmp_path, text, tame, monkeypatch):
+    without_figures(monkeypatch)  # drawn in the next test
     parsed = Parsed(hostile_page(tmp_path / "hostile.html", text))
-    tame = Parsed(hostile_page(tmp_path / "tame.html", "tame"))
     assert skeleton(parsed) == skeleton(tame)
     assert [raw for raw in parsed.raw if raw[1].get("id") is None] == [r for r in tame.raw if r[1].get("id") is None]
     kept = re.sub(r"\s+", " ", text.encode("utf-8", "replace").decode().replace("\x00", ""))
@@ -136,7 +145,7 @@ def test_a_data_block_cannot_be_left(text):
 
 
 def test_the_policy_allows_this_script_and_this_style_alone(tmp_path, monkeypatch):
-    monkeypatch.setattr("plenopiv.report.page.figures.png", lambda figure: b"")
+    without_figures(monkeypatch)
     parsed = Parsed(write(tmp_path / "report.html", example(), field()))
     (meta,) = [m for m in parsed.all("meta") if m.get("http-equiv") == "Content-Security-Policy"]
     policy = dict(directive.split(" ", 1) for directive in meta["content"].split("; "))

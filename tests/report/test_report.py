@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from pages import Parsed, everything, example, field, write
+from pages import Parsed, everything, example, field, without_figures, write
 from PIL import Image
 
 from plenopiv.accuracy.profile import DepthProfile
@@ -47,7 +47,7 @@ def test_the_report_stands_alone_and_says_what_it_was_given(tmp_path, experiment
 
 
 def test_every_link_of_the_contents_leads_to_a_section(tmp_path, experiment, monkeypatch):
-    monkeypatch.setattr("plenopiv.report.page.figures.png", lambda figure: b"")
+    without_figures(monkeypatch)
     for options in ({}, everything(experiment)):
         page = Parsed(write(tmp_path / "report.html", experiment, **options))
         targets = {link["href"].removeprefix("#") for link in page.all("a")}

@@ -157,9 +157,14 @@ def _inverse(design: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def find_disc(image: NDArray, positions: NDArray[np.complex128], kind: LatticeKind, pitch: complex) -> Disc:
-    """A first disc for ``refine_disc``: of radii from 0.3 to 0.6 pitches the one that explains the counts best."""
-    trials = [Disc(kind, pitch, ratio * abs(pitch), 0.5) for ratio in np.arange(0.30, 0.61, 0.04)]
-    return max(trials, key=lambda disc: float(np.median(measure(image, positions, disc).quality)))
+    """A first disc for ``refine_disc``: of radii from 0.3 to 0.6 pitches the one that explains the counts best, as
+    light: taken away from the background, discs wide enough to overlap explain ones that just touch as well."""
+
+    def explained(disc: Disc) -> float:
+        found = measure(image, positions, disc)
+        return float(np.median(np.where(found.gain > 0, found.quality, -np.inf)))
+
+    return max((Disc(kind, pitch, ratio * abs(pitch), 0.5) for ratio in np.arange(0.30, 0.61, 0.04)), key=explained)
 
 
 def refine_disc(image: NDArray, positions: NDArray[np.complex128], disc: Disc) -> Disc:

@@ -12,8 +12,9 @@ turned, to a fraction of a pixel, cannot tell it, and does no harm: its views ar
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import ceil
 
 import numpy as np
@@ -62,25 +63,33 @@ class Fit:
 
 def fit(frame: NDArray, white: NDArray, pitch_px: float) -> Fit:
     """Compare an upright frame with an upright white image, both (rows, columns) in counts above the black level."""
-    blocks = _blocks(frame.shape, pitch_px)
-    light = {corner: _pattern(frame, corner, blocks.side, pitch_px, 3.0) for corner in blocks.corners}
-    agreement, visible, shifts = {}, 0.0, np.zeros((len(light), 2))
+    return fits([frame], white, pitch_px)[0]
+
+
+def fits(frames: Sequence[NDArray], white: NDArray, pitch_px: float, black_level: float = 0.0) -> list[Fit]:
+    """The same of several frames, in counts: what the white image shows is worked out once for all of them."""
+    blocks = _blocks(frames[0].shape, pitch_px)
+    cut = partial(_pattern, side=blocks.side, pitch_px=pitch_px, black_level=black_level)
+    light = [[cut(frame, corner, most=3.0) for corner in blocks.corners] for frame in frames]
+    agreement: list[dict[str, float]] = [{} for _ in frames]
+    visible, shifts = np.zeros(len(frames)), np.zeros((len(frames), len(blocks.corners), 2))
     for name, turn in TURNS.items():
         turned = turn(white)
-        if turned.shape != frame.shape:
+        if turned.shape != frames[0].shape:
             continue
-        here = highest = weight = 0.0
-        for k, (corner, part) in enumerate(light.items()):
-            lens = _pattern(turned, corner, blocks.side, pitch_px, 1.0)
-            at, top, shift = _correlated(part, lens, pitch_px)
-            here, highest = here + at, highest + top
-            weight += float(np.sqrt(np.sum(part**2) * np.sum(lens**2)))
-            if name == "as it is":
-                shifts[k] = shift
-        agreement[name] = here / highest if highest > 0 else 0.0
-        visible = max(visible, highest / weight if weight > 0 else 0.0)
-    centres = np.array([(c + blocks.side / 2, r + blocks.side / 2) for r, c in light])
-    return Fit(agreement, visible, centres, shifts)
+        sums = np.zeros((3, len(frames)))  # at no shift, at the highest place, and what that could be
+        for k, corner in enumerate(blocks.corners):
+            lens = cut(turned, corner, most=1.0)
+            for n, parts in enumerate(light):
+                at, top, shift = _correlated(parts[k], lens, pitch_px)
+                sums[:, n] += at, top, parts[k].norm * lens.norm
+                if name == "as it is":
+                    shifts[n, k] = shift
+        for n, (here, highest, weight) in enumerate(sums.T):
+            agreement[n][name] = float(here / highest) if highest > 0 else 0.0
+            visible[n] = max(visible[n], highest / weight if weight > 0 else 0.0)
+    centres = np.array([(c + blocks.side / 2, r + blocks.side / 2) for r, c in blocks.corners])
+    return [Fit(a, float(v), centres, s) for a, v, s in zip(agreement, visible, shifts, strict=True)]
 
 
 def judged(found: Fit, name: str) -> Finding:
@@ -145,21 +154,33 @@ def _blocks(shape: tuple[int, int], pitch_px: float) -> _Blocks:
     return _Blocks(side, [(int(r), int(c)) for r in rows for c in columns])
 
 
-def _pattern(image: NDArray, corner: tuple[int, int], side: int, pitch_px: float, most: float) -> NDArray[np.float64]:
+@dataclass(frozen=True)
+class _Pattern:
+    """Spectrum of a block's pattern, and the root of its sum of squares."""
+
+    spectrum: NDArray[np.complex128]
+    norm: float
+
+
+def _pattern(
+    image: NDArray, corner: tuple[int, int], *, side: int, pitch_px: float, black_level: float, most: float
+) -> _Pattern:
     """A block of an image over its local mean, without its mean; so bright particles count no more than others."""
     from scipy.ndimage import gaussian_filter
 
     row, column = corner
-    block = np.asarray(image[row : row + side, column : column + side], np.float64)
+    block = image[row : row + side, column : column + side] - float(black_level)
     slow = gaussian_filter(block, 1.2 * pitch_px, mode="nearest")
     floor = max(0.2 * float(slow.mean()), 1e-9)
     ratio = np.clip((block - slow) / np.maximum(slow, floor), -1.0, most)
-    return ratio - ratio.mean()
+    ratio -= ratio.mean()
+    return _Pattern(np.fft.rfft2(ratio), float(np.linalg.norm(ratio)))
 
 
-def _correlated(frame: NDArray, white: NDArray, pitch_px: float) -> tuple[float, float, NDArray[np.float64]]:
+def _correlated(frame: _Pattern, white: _Pattern, pitch_px: float) -> tuple[float, float, NDArray[np.float64]]:
     """Correlation at no shift, the highest within half a pitch, and the shift of that (right, down) in pixels."""
-    product = np.fft.irfft2(np.fft.rfft2(frame) * np.conj(np.fft.rfft2(white)), frame.shape)
+    side = frame.spectrum.shape[0]
+    product = np.fft.irfft2(frame.spectrum * np.conj(white.spectrum), (side, side))
     reach = int(0.5 * pitch_px + 1)
     step = np.arange(-reach, reach + 1)
     near = product[np.ix_(step, step)]

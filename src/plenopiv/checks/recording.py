@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.checks import fit, light, motion, stamps, white
 from plenopiv.checks.findings import Finding
 from plenopiv.displacement.settings import CorrelationSettings
-from plenopiv.errors import PlenoPIVWarning
+from plenopiv.errors import PlenoPIVWarning, printable
 from plenopiv.lightfield import LightField, decode, layout
 from plenopiv.projection.projector import Projector
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
@@ -70,23 +71,20 @@ def check(
         warnings.simplefilter("ignore", PlenoPIVWarning)  # saturation is a finding here
         frames = [recording.frame(k) for k in chosen]
         image = recording.white()
-    names = [recording.frame_paths[k].name for k in chosen]
+    names = [printable(recording.frame_paths[k].name) for k in chosen]
     findings = _files(recording)
     seen = Checked((), camera, names[0], frames[0], image)
     if image is not None:
         report("white image", 0, 1)
-        said, found = white.white_image(image, camera, recording.white_path.name)  # type: ignore[union-attr]
+        said, found = white.white_image(image, camera, printable(recording.white_path.name))  # type: ignore[union-attr]
         findings += said
         report("white image", 1, 1)
         if found is None:
             return replace(seen, findings=tuple(findings))
         seen = replace(seen, camera=camera.with_lattice(found.lattice))
-        black = camera.sensor.black_level
-        fits = []
-        for k, frame in enumerate(frames):
-            report("frames against the white image", k, len(frames))
-            fits.append(fit.fit(frame - black, image - black, seen.camera.image_pitch_px))
-        report("frames against the white image", len(frames), len(frames))
+        report("frames against the white image", 0, 1)
+        fits = fit.fits(frames, image, seen.camera.image_pitch_px, camera.sensor.black_level)
+        report("frames against the white image", 1, 1)
         findings += _worst([fit.judged(f, name) for f, name in zip(fits, names, strict=True)])
         seen = replace(seen, fit=fits[0])
         if any(finding.severity == "unusable" for finding in findings if finding.name in ("flipped", "other-camera")):
@@ -97,12 +95,16 @@ def check(
 
 def _files(recording: Recording) -> list[Finding]:
     """What times and cameras in the files say."""
-    marks = [(path.name, stamps.stamp(path)) for path in recording.frame_paths]
+    marks = [_marked(path) for path in recording.frame_paths]
     out = [stamps.in_order(marks, recording.dt_s)]
     if recording.white_path is not None:
-        other = stamps.same_camera(marks[0], (recording.white_path.name, stamps.stamp(recording.white_path)))
+        other = stamps.same_camera(marks[0], _marked(recording.white_path))
         out += [other] if other else []
     return out
+
+
+def _marked(path: Path) -> tuple[str, stamps.Stamp]:
+    return printable(path.name), stamps.stamp(path)
 
 
 def _worst(findings: list[Finding]) -> list[Finding]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from plenopiv.cameras.coverage import seen_by_every_view_mm
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
 from plenopiv.run.memory import estimate
 
@@ -86,7 +86,7 @@ def _experiment(file: Path) -> Lines:
     try:
         lines.append(("frames", f"{len(experiment.recording())}, {table.dt_s:g} s apart, stored {table.orientation}"))
     except PlenoPIVError as error:
-        lines.append(("frames", f"not usable yet: {error}"))
+        lines.append(("frames", f"not usable yet: {printable(str(error))}"))
     for warning in experiment.warnings():
         warnings.warn(f"{file}: {warning}", PlenoPIVWarning, stacklevel=2)
     return lines

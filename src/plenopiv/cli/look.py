@@ -11,7 +11,7 @@ from textwrap import wrap
 
 from plenopiv.cli.progress import Progress
 from plenopiv.cli.speech import Outcome, painted
-from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
 
 FOLDER = "look"  # beside the experiment file
@@ -118,4 +118,4 @@ def _drawn(experiment: Experiment, name: str, figure) -> Outcome:
     folder = experiment.folder / FOLDER
     with OutputFolder(folder, overwrite=True) as out:
         out.path(name).write_bytes(png(figure))
-    return Outcome(str(folder / name), {"files": [str(folder / name)]})
+    return Outcome(printable(str(folder / name)), {"files": [str(folder / name)]})

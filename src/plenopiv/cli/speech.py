@@ -20,6 +20,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, TextIO
 
+from plenopiv.errors import printable
+
 COLOURS = {"red": "31", "green": "32", "yellow": "33"}
 
 
@@ -57,7 +59,7 @@ class Speech:
         if self.as_json:
             self.event("note", message=message)
         else:
-            print(f"plenopiv: {message}", file=sys.stderr, flush=True)
+            print(f"plenopiv: {printable(message)}", file=sys.stderr, flush=True)
 
     def warning(self, message: str) -> None:
         """What the user should know, on one line."""
@@ -65,7 +67,7 @@ class Speech:
         if self.as_json:
             self.event("warning", message=line)
         else:
-            print(f"plenopiv: {painted('warning:', 'yellow', sys.stderr)} {line}", file=sys.stderr)
+            print(f"plenopiv: {painted('warning:', 'yellow', sys.stderr)} {printable(line)}", file=sys.stderr)
 
     def error(self, message: str, code: int) -> int:
         """What went wrong, on one line; returns the exit code."""
@@ -73,7 +75,7 @@ class Speech:
         if self.as_json:
             self.event("error", message=line, exit_code=code)
         else:
-            print(f"plenopiv: {painted('error:', 'red', sys.stderr)} {line}", file=sys.stderr)
+            print(f"plenopiv: {painted('error:', 'red', sys.stderr)} {printable(line)}", file=sys.stderr)
         return code
 
     def result(self, command: str, outcome: Outcome | str) -> int:

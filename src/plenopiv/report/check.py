@@ -11,7 +11,8 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
 from plenopiv.checks import Checked
-from plenopiv.report.figures import BLUE, GREEN, INK, ORANGE, STYLE
+from plenopiv.errors import printable
+from plenopiv.report.figures import BLUE, GREEN, INK, ORANGE, STYLE, written
 from plenopiv.report.views import RawCrop, raw_crops
 
 RED = "#b3261e"
@@ -46,7 +47,8 @@ def _raw(axes: Axes, crop: RawCrop) -> None:
     circles = EllipseCollection(size, size, 0 * size, units="x", offsets=crop.centres_px, linewidth=0.8)
     circles.set(offset_transform=axes.transData, facecolor="none", edgecolor=ORANGE)
     axes.add_collection(circles)
-    axes.set(title=crop.name, xlabel="column (px)", ylabel="row (px)", xlim=extent[:2], ylim=extent[2:])
+    axes.set_title(written(crop.name), parse_math=False)
+    axes.set(xlabel="column (px)", ylabel="row (px)", xlim=extent[:2], ylim=extent[2:])
 
 
 def _nothing(axes: Axes, why: str) -> None:
@@ -72,7 +74,7 @@ def _shifts(axes: Axes, found: Checked) -> None:
 def _counts(axes: Axes, found: Checked) -> None:
     sensor = found.camera.sensor
     bins = np.linspace(0, sensor.full_scale + 1, 129)
-    for image, label, colour in ((found.white, "white image", ORANGE), (found.frame, found.name, BLUE)):
+    for image, label, colour in ((found.white, "white image", ORANGE), (found.frame, written(found.name), BLUE)):
         if image is not None:
             axes.hist(image.ravel(), bins.tolist(), histtype="step", color=colour, label=label, log=True)
     axes.axvline(sensor.black_level, color=INK, linewidth=0.8, linestyle=":", label="black level")
@@ -80,7 +82,8 @@ def _counts(axes: Axes, found: Checked) -> None:
     axes.set(xlabel="counts", ylabel="pixels", title="exposure")
     axes.spines[["top", "right"]].set_visible(False)
     axes.set_ylim(0.5, 300 * axes.get_ylim()[1])  # room for the legend
-    axes.legend(frameon=False, fontsize=8, loc="upper center", ncols=2)
+    for text in axes.legend(frameon=False, fontsize=8, loc="upper center", ncols=2).get_texts():
+        text.set_parse_math(False)
 
 
 def _moves(axes: Axes, found: Checked) -> None:
@@ -112,7 +115,7 @@ def _words(axes: Axes, found: Checked) -> None:
     axes.set_axis_off()
     at, order = 1.0, list(COLOURS)
     for finding in sorted(found.findings, key=lambda f: order.index(f.severity)):
-        lines = wrap(finding.words, LETTERS)
-        text = axes.text(0.0, at, "\n".join(lines), va="top", fontsize=7, transform=axes.transAxes)
+        lines = wrap(printable(finding.words), LETTERS)
+        text = axes.text(0.0, at, "\n".join(lines), va="top", fontsize=7, transform=axes.transAxes, parse_math=False)
         text.set(color=COLOURS[finding.severity], in_layout=False)  # its length must not squeeze the panels
         at -= 0.036 * len(lines) + 0.02

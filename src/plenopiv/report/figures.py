@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
+from plenopiv.errors import printable
 from plenopiv.report.stacks import joined
 from plenopiv.report.views import Projections, RawCrop
 
@@ -195,7 +196,7 @@ def _raw(dataset: xarray.Dataset, name: str) -> NDArray:
 
 def written(name: str) -> str:
     """A file's name as matplotlib can write it: printable, not too long, no label that it would leave out."""
-    plain = "".join(c if c.isprintable() else "?" for c in name)
+    plain = printable(name)
     plain = plain if len(plain) <= 40 else f"{plain[:37]}..."
     return f" {plain}" if plain.startswith("_") else plain
 

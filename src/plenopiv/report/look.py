@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from plenopiv.report.figures import STYLE
+from plenopiv.report.figures import STYLE, written
 
 BRIGHTEST = 99.7  # percentile that is drawn white
 UNSEEN = "#2c4a63"  # where no microlens has a pixel of a view
@@ -42,9 +42,10 @@ def contact_sheet(
             _shown(axes, picture, x, y, top)
             axes.set_title(f"({u:+.1f}, {v:+.1f})", fontsize=7, pad=2)
     figure.suptitle(
-        f"{name}: views through the places (u, v) of the main lens, mm, as the object has x and y; each "
+        f"{written(name)}: views through the places (u, v) of the main lens, mm, as the object has x and y; each "
         f"{_length(x):.3g} x {_length(y):.3g} mm of the focal plane",
         fontsize=9,
+        parse_math=False,
     )
     return figure
 
@@ -62,7 +63,8 @@ def depth_strip(pictures: Sequence[Picture], z_mm: Sequence[float], x: Axis, y: 
     for axes, picture, z in zip(grid.flat, pictures, z_mm, strict=False):
         axes.set_axis_on()
         drawn = _shown(axes, picture, x, y, top)
-        axes.set(title=f"{name}, focus at z = {z:+.2f} mm", xlabel="x (mm)", ylabel="y (mm)")
+        axes.set_title(f"{written(name)}, focus at z = {z:+.2f} mm", parse_math=False)
+        axes.set(xlabel="x (mm)", ylabel="y (mm)")
     figure.colorbar(drawn, ax=grid, label="mean of the views (counts)", fraction=0.03, pad=0.01)
     return figure
 

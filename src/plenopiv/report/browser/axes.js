@@ -31,16 +31,18 @@ function sharp(canvas, height) {
   return { context, width, height };
 }
 
-// Round numbers between two limits, about `count` of them.
+// Round numbers between two limits, about `count` of them, and two at least: one alone tells no scale.
 function ticks(low, high, count) {
   const span = high - low;
   if (!(span > 0)) return [low];
   const raw = span / Math.max(count, 1);
   const power = 10 ** Math.floor(Math.log10(raw));
-  const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= raw * 0.999);
-  const first = Math.ceil(low / step - 1e-9);
-  const last = Math.floor(high / step + 1e-9);
-  return Array.from({ length: last - first + 1 }, (_, k) => (first + k) * step);
+  const steps = [0.5, 1, 2, 5, 10].map((m) => m * power);
+  const within = (step) => [Math.ceil(low / step - 1e-9), Math.floor(high / step + 1e-9)];
+  let k = steps.findIndex((s, n) => n > 0 && s >= raw * 0.999);
+  if (within(steps[k])[0] === within(steps[k])[1]) k -= 1;
+  const [first, last] = within(steps[k]);
+  return Array.from({ length: last - first + 1 }, (_, n) => (first + n) * steps[k]);
 }
 
 const shown = (value) => (Object.is(value, -0) ? 0 : Number(value.toPrecision(6))).toString().replace("-", "\u2212");

@@ -19,8 +19,11 @@ function boxAround(context, limits, onPage, eye) {
   context.textAlign = "center";
   const middle = onPage(limits.map(([a, b]) => (a + b) / 2));
   const written = [];
-  const write = (text, [left, y]) => {
-    const wide = context.measureText(text).width / 2 + 3, x = Math.max(left, wide);
+  const { clientWidth: across, clientHeight: down } = context.canvas;
+  const write = (text, [left, top]) => {
+    const wide = context.measureText(text).width / 2 + 3;
+    const x = Math.min(Math.max(left, wide), across - wide), y = Math.min(Math.max(top, 9), down - 9);
+    if (Math.hypot(x - left, y - top) > 70) return; // its tick is far beyond the page
     if (written.some((w) => Math.abs(w.x - x) < w.wide + wide && Math.abs(w.y - y) < 15)) return;
     written.push({ x, y, wide });
     context.fillText(text, x, y);
