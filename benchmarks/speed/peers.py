@@ -1,4 +1,4 @@
-"""Reconstruction against peers that store their weights:  peers.py
+"""Reconstruction against peers that store their weights:  peers.py [--size N ...]
 
 - MART view by view with `scipy.sparse` matrices, and ASTRA's SIRT (Palenstijn et al. 2011; GPL, run as a process of its
   own), with the exact weights that this project's maps interpolate, for volumes of growing size;
@@ -11,6 +11,7 @@ into build/peers. Writes peers.json beside this file and prints a table.
 
 from __future__ import annotations
 
+import argparse
 import json
 import multiprocessing
 import subprocess
@@ -95,10 +96,10 @@ def write_weights(scene: Scene, folder: Path) -> int:
     return sum(d.nbytes + i.nbytes for d, i in zip(data, indices, strict=True))
 
 
-def stored_weights() -> list[dict]:
-    """All sizes."""
+def stored_weights(sizes: tuple[tuple[int, int, int], ...]) -> list[dict]:
+    """A row for each size."""
     rows = []
-    for shape in SIZES:
+    for shape in sizes:
         scene = Scene(shape, (LATERAL_MM, LATERAL_MM, DEPTH_MM))
         with tempfile.TemporaryDirectory() as scratch:
             stored = write_weights(scene, Path(scratch))
@@ -171,9 +172,17 @@ def richardson_lucy() -> dict:
 
 def main() -> None:
     """Measure, print, write."""
-    row = richardson_lucy()
-    found = {"rounds": ROUNDS, "stored weights": stored_weights(), "richardson-lucy": row}
-    (HERE / "peers.json").write_text(json.dumps(found, indent=1) + "\n")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--size", type=int, nargs="+", help="voxels along x of the sizes to measure anew; default: all")
+    chosen, target = parser.parse_args().size, HERE / "peers.json"
+    if chosen is None:
+        row = richardson_lucy()
+        found = {"rounds": ROUNDS, "stored weights": stored_weights(SIZES), "richardson-lucy": row}
+    else:
+        found = json.loads(target.read_text())
+        anew = {row["shape"][0]: row for row in stored_weights(tuple(s for s in SIZES if s[0] in chosen))}
+        found["stored weights"] = [anew.get(row["shape"][0], row) for row in found["stored weights"]]
+    target.write_text(json.dumps(found, indent=1) + "\n")
 
 
 if __name__ == "__main__":
