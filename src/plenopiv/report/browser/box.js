@@ -34,7 +34,9 @@ function boxAround(context, limits, onPage, eye) {
     const out = outward(a, b, middle), length = Math.hypot(b[0] - a[0], b[1] - a[1]);
     if (length < 30) continue;
     const moved = (share, away) => [0, 1].map((i) => a[i] + share * (b[i] - a[i]) + away * out[i]);
-    write(`${"xyz"[d]} (mm)`, moved(0.5, 34 + 18 * Math.abs(out[0])));
+    const title = `${"xyz"[d]} (mm)`, beside = moved(0.5, 34 + 18 * Math.abs(out[0])), top = a[1] < b[1] ? a : b;
+    const room = beside[0] > context.measureText(title).width / 2;
+    write(title, room ? beside : [top[0], top[1] - 12]); // on a narrow page above the axis
     const [low, high] = limits[d];
     for (const value of ticks(low, high, length / 45)) {
       const share = (value - low) / (high - low);
