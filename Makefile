@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full test-report lint bench bench-full paper comparison comparison-full figures lock clean
+.PHONY: help demo test test-full test-report lint bench bench-full paper paper-full comparison figures lock clean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' Makefile
@@ -52,13 +52,14 @@ paper: $(VENV)/.ready  ## draw the source paper's figures anew, and write docs/p
 	$(BIN)/python paper/candidates_over_depth.py
 	$(BIN)/python paper/time_and_density.py
 	$(BIN)/python paper/normalisation.py
+	$(BIN)/python paper/comparison.py reduced
 	$(BIN)/python paper/page.py
 
-comparison: $(VENV)/.ready  ## LF-PIV, Tomo-PIV and a DNS jet: the source paper's section 4 in a cut of its volume
-	$(BIN)/python paper/comparison.py reduced
-
-comparison-full: $(VENV)/.ready  ## the same in all of the paper's volume: an hour and more
+paper-full: paper  ## and the comparison of section 4 in all of the paper's volume: hours, 16 GB
 	$(BIN)/python paper/comparison.py full
+
+comparison: $(VENV)/.ready  ## of this only LF-PIV, Tomo-PIV and a DNS jet: section 4 in a cut of its volume
+	$(BIN)/python paper/comparison.py reduced
 
 figures: $(VENV)/.ready  ## draw the pictures of the README from the demo
 	$(BIN)/python docs/make_figures.py

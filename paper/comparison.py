@@ -4,8 +4,8 @@ Five measurements (``comparison_settings``), each in a process of its own: LF-PI
 reconstructed ones, which shows what its windows resolve; two plenoptic cameras at a right angle; Tomo-PIV at the
 paper's settings; Tomo-PIV of the light field's particles in windows of the same size.
 
-Writes results/comparison.json, its table results/comparison.md, and figures to docs/images/paper; fields, with the
-DNS beside them, to build/comparison.
+Writes results/comparison.json, its table results/comparison.md, and figures to docs/images/paper (comparison-full of
+the full size); fields, with the DNS beside them, to build/comparison.
 """
 
 from __future__ import annotations
@@ -122,11 +122,12 @@ def _three(values: list[float], digits: int = 3) -> str:
 
 def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ...] = tuple(TITLES)) -> dict[str, Any]:
     """Announce, measure, write JSON, table and figures into ``out``. ``only``: which cases to measure anew; the others
-    are taken from an earlier comparison.json of the same size."""
+    are taken from earlier results of the same size."""
     setting, target = SIZES[size], out / "paper" / "results"
     for line in announced(setting):
         print(line, flush=True)
-    fields, file = out / "build" / "comparison", target / "comparison.json"
+    stem = "comparison-full" if size == "full" else "comparison"
+    fields, file = out / "build" / "comparison", target / f"{stem}.json"
     earlier = json.loads(file.read_text()) if file.exists() else {"size": None}
     cases = dict(earlier["cases"]) if earlier["size"] == size else {}
     target.mkdir(parents=True, exist_ok=True)
@@ -137,8 +138,8 @@ def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ..
         file.write_text(json.dumps({"size": size, "jet_m_s": JET_M_S, "cases": cases}, indent=1) + "\n")
     if set(cases) == set(TITLES):
         results = json.loads(file.read_text())
-        (target / "comparison.md").write_text(tables(results))
-        comparison_figures.draw(results, setting, fields, out / "docs" / "images" / "paper")
+        (target / f"{stem}.md").write_text(tables(results))
+        comparison_figures.draw(results, setting, fields, out / "docs" / "images" / "paper", stem)
     return cases
 
 

@@ -167,10 +167,10 @@ def save(figure: Figure, file: Path) -> None:
     Image.open(drawn).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(file, optimize=True)
 
 
-def draw(results: dict[str, Any], setting: Comparison, fields: Path, folder: Path) -> None:
-    """All three figures into ``folder``."""
+def draw(results: dict[str, Any], setting: Comparison, fields: Path, folder: Path, stem: str) -> None:
+    """All three figures into ``folder``, their names beginning with ``stem``."""
     folder.mkdir(parents=True, exist_ok=True)
     found = {name: shown(fields, setting, name) for name in SHORT if name != "exact"}
-    save(slices(found, setting), folder / "comparison-slices.png")
-    save(errors(results), folder / "comparison-errors.png")
-    save(vortices(found, setting), folder / "comparison-vortices.png")
+    save(slices(found, setting), folder / f"{stem}-slices.png")
+    save(errors(results), folder / f"{stem}-errors.png")
+    save(vortices(found, setting), folder / f"{stem}-vortices.png")
