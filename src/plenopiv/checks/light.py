@@ -155,9 +155,10 @@ def seeding(found: Light, camera: PlenopticCamera, depth_mm: float, window_mm: t
     """Particles per microlens, in a pixel, and in a window of the last pass (x, y, z in mm)."""
     area = camera.lattice.cell_area_mm2 / camera.main_lens.magnification**2
     in_window = found.ppm / (area * depth_mm) * float(np.prod(window_mm))
+    many = f"{found.ppm:.2g}"
     words = (
-        f"about {found.ppm:.2g} particles per microlens, {found.overlap:.1f} in the way of a pixel, "
-        f"{in_window:.0f} in a window of the last pass"
+        f"about {many} particle{'' if many == '1' else 's'} per microlens, images of {found.overlap:.1f} overlap in a "
+        f"pixel, {in_window:.0f} are in a window of the last pass"
     )
     if found.overlap > OVERLAP:
         advice = (
