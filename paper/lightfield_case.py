@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING
 
 import numpy as np
-from comparison_settings import DT_S, LightFieldSetting
+from comparison_settings import DT_S, LightFieldSetting, TomoSetting, TwoCamerasSetting
 from numpy.typing import NDArray
 
 from plenopiv.accuracy import exact_volume
@@ -92,6 +92,11 @@ def windows_seen(
     return in_y[:, :, None] & in_x[:, None, :]
 
 
+def seen_by(camera: PlenopticCamera) -> Callable[[xr.Dataset, NDArray[np.float64]], NDArray[np.bool_]]:
+    """``windows_seen`` of a field and half a window."""
+    return lambda field, half_mm: windows_seen(camera, (field.x.values, field.y.values, field.z.values), half_mm)
+
+
 def measure_exact(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Measured:
     """The same particles and windows with exact volumes (Gaussians of three voxels) in place of reconstructed ones:
     what windows of this size find at all."""
@@ -103,7 +108,7 @@ def measure_exact(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> 
         lit = values > 0
         volumes.append(SparseVolume.from_mask(setting.grid, lit).with_values(values[lit]))
         clock.lap("simulation")
-    return _correlated(setting, camera, particles, volumes, volumes[0].occupancy, clock)
+    return correlated(setting, seen_by(camera), particles, volumes, volumes[0].occupancy, clock)
 
 
 def measure_light_field(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Measured:
@@ -122,20 +127,20 @@ def measure_light_field(setting: LightFieldSetting, flow: Velocity, seed: int = 
         clock.lap("reconstruction")
     weight = focus_weight(camera, setting.grid.axes()[2], settings.focus_reach)
     volumes = [frame.volume.with_planes_scaled(weight) for frame in frames]
-    return _correlated(setting, camera, particles, volumes, frames[0].candidates, clock)
+    return correlated(setting, seen_by(camera), particles, volumes, frames[0].candidates, clock)
 
 
-def _correlated(
-    setting: LightFieldSetting,
-    camera: PlenopticCamera,
+def correlated(
+    setting: LightFieldSetting | TwoCamerasSetting | TomoSetting,
+    seen: Callable[[xr.Dataset, NDArray[np.float64]], NDArray[np.bool_]],
     particles: Frames,
     volumes: Sequence[SparseVolume],
     candidates: float,
     clock: Clock,
 ) -> Measured:
+    """The velocity field of two volumes; ``seen``: of a field and half the last window, the windows that are seen."""
     moved = measure(*volumes, CorrelationSettings(windows=setting.windows, overlap=setting.overlap))
     clock.lap("correlation")
     field = velocity_dataset(moved, setting.grid, DT_S).isel(time=0)
     half = 0.5 * np.array(setting.windows[-1]) * setting.grid.voxel_mm
-    seen = windows_seen(camera, (field.x.values, field.y.values, field.z.values), half)
-    return Measured(field, particles, setting.grid.voxel_mm, half, seen, candidates, clock)
+    return Measured(field, particles, setting.grid.voxel_mm, half, seen(field, half), candidates, clock)

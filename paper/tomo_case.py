@@ -3,21 +3,20 @@ same correlation as the light field."""
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import product
 from math import log, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
 from comparison_settings import DT_S, TomoSetting
-from lightfield_case import Clock, Frames, Measured
+from lightfield_case import Clock, Frames, Measured, correlated
 from numpy.typing import NDArray
 
 from plenopiv.calibration.pinhole_fit import calibrate_pinhole
 from plenopiv.cameras.pinhole import PinholeCamera, looking_at
 from plenopiv.cameras.presets import BIT_DEPTH, BLACK_LEVEL, PIXEL_PITCH_MM
 from plenopiv.design.twin import NOISE
-from plenopiv.displacement.multigrid import measure
-from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.projection.pinhole import PinholeProjector
 from plenopiv.reconstruction.chain import Reconstruction
 from plenopiv.reconstruction.settings import TomographySettings
@@ -29,7 +28,6 @@ from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.pinhole_images import pinhole_image
 from plenopiv.simulation.recording import Seeding
 from plenopiv.simulation.sensor_noise import digitise
-from plenopiv.velocity import velocity_dataset
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -122,10 +120,5 @@ def measure_tomo(setting: TomoSetting, flow: Velocity, particles: Frames | None 
         clock.lap("simulation")
         frames.append(reconstruct_tomography(counts, projector, TomographySettings()))
         clock.lap("reconstruction")
-    correlation = CorrelationSettings(windows=setting.windows, overlap=setting.overlap)
-    moved = measure(frames[0].volume, frames[1].volume, correlation)
-    clock.lap("correlation")
-    field = velocity_dataset(moved, setting.grid, DT_S).isel(time=0)
-    half = 0.5 * np.array(setting.windows[-1]) * setting.grid.voxel_mm
-    seen = windows_seen(true_cameras, field, half)
-    return Measured(field, (a, b), setting.grid.voxel_mm, half, seen, frames[0].candidates, clock)
+    volumes = [frame.volume for frame in frames]
+    return correlated(setting, partial(windows_seen, true_cameras), (a, b), volumes, frames[0].candidates, clock)

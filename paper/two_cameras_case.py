@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from comparison_settings import DT_S, TwoCamerasSetting
-from lightfield_case import Clock, Frames, Measured, windows_seen
+from comparison_settings import TwoCamerasSetting
+from lightfield_case import Clock, Frames, Measured, correlated, windows_seen
 from numpy.typing import NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.presets import preset
 from plenopiv.design.twin import NOISE, WAVELENGTH_NM, mounted, seeing
-from plenopiv.displacement.multigrid import measure
-from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.lightfield import LightField, decode, layout
 from plenopiv.projection.around import CamerasAround
 from plenopiv.projection.mounting import FRONT, SIDE
@@ -24,7 +23,6 @@ from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.recording import Seeding
 from plenopiv.simulation.sensor_noise import digitise
-from plenopiv.velocity import velocity_dataset
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -72,10 +70,5 @@ def measure_two_cameras(setting: TwoCamerasSetting, particles: Frames, seed: int
         fields: list[LightField] = [decode(image, where) for image, where in zip(counts, layouts, strict=True)]
         frames.append(reconstruct_around(fields, around, settings, counts_per_electron=NOISE.gain))
         clock.lap("reconstruction")
-    correlation = CorrelationSettings(windows=setting.windows, overlap=setting.overlap)
-    moved = measure(frames[0].volume, frames[1].volume, correlation)
-    clock.lap("correlation")
-    field = velocity_dataset(moved, setting.grid, DT_S).isel(time=0)
-    half = 0.5 * np.array(setting.windows[-1]) * setting.grid.voxel_mm
-    seen = both_see(cameras, field, half)
-    return Measured(field, particles, setting.grid.voxel_mm, half, seen, frames[0].candidates, clock)
+    volumes = [frame.volume for frame in frames]
+    return correlated(setting, partial(both_see, cameras), particles, volumes, frames[0].candidates, clock)

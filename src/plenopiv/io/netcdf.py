@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from plenopiv.errors import PlenoPIVError
+from plenopiv.io.aside import written_aside
 
 if TYPE_CHECKING:
     import xarray
@@ -23,20 +22,10 @@ def write_velocity(path: str | Path, dataset: xarray.Dataset) -> None:
     Raises:
         PlenoPIVError: the folder cannot be written, or the disk is full; nothing is left behind.
     """
-    path = Path(path)
-    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
     compressed = {"zlib": True, "complevel": 4, "shuffle": True}
     encoding = {name: compressed for name, variable in dataset.data_vars.items() if variable.ndim > 0}
-    try:
+    with written_aside(path) as aside:
         dataset.to_netcdf(aside, engine="h5netcdf", encoding=encoding)
-        with aside.open("rb") as file:
-            os.fsync(file.fileno())
-        os.replace(aside, path)
-    except OSError as error:
-        raise PlenoPIVError(f"{path}: cannot be written ({error.strerror or error})") from None
-    finally:
-        with suppress(FileNotFoundError):
-            aside.unlink()
 
 
 def read_velocity(path: str | Path) -> xarray.Dataset:

@@ -8,8 +8,6 @@ transformed again. Flags: 0 measured, 2 replaced; mask: 1 where no view sees.
 
 from __future__ import annotations
 
-import os
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
+from plenopiv.io.aside import written_aside
 
 if TYPE_CHECKING:
     import xarray
@@ -61,15 +60,7 @@ def write_openpiv(path: str | Path, dataset: xarray.Dataset, z_mm: float, time: 
     Raises:
         PlenoPIVError: as ``as_openpiv``; or the file cannot be written, and nothing is left behind.
     """
-    field, path = as_openpiv(dataset, z_mm, time), Path(path)
-    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        columns = np.column_stack([values.ravel() for values in field])
-        formats = ["%.6e"] * 4 + ["%d"] * 2
+    columns = np.column_stack([values.ravel() for values in as_openpiv(dataset, z_mm, time)])
+    formats = ["%.6e"] * 4 + ["%d"] * 2
+    with written_aside(path) as aside:
         np.savetxt(aside, columns, fmt=formats, delimiter="\t", header="x\ty\tu\tv\tflags\tmask")
-        os.replace(aside, path)
-    except OSError as error:
-        raise PlenoPIVError(f"{path}: cannot be written ({error.strerror or error})") from None
-    finally:
-        with suppress(FileNotFoundError):
-            aside.unlink()

@@ -5,15 +5,14 @@ Points are at vectors or at the centres of voxels, coordinates in mm. Velocity i
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plenopiv.errors import PlenoPIVError
+from plenopiv.io.aside import written_aside
 from plenopiv.volume import Volume
 
 if TYPE_CHECKING:
@@ -78,26 +77,17 @@ def _image(path: str | Path, first, spacing, shape, steps=None) -> Iterator[h5py
     """The group of a new file's point data; the file takes its name when it is whole."""
     import h5py
 
-    path = Path(path)
-    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with h5py.File(aside, "w") as file:
-            root = file.create_group("VTKHDF", track_order=True)
-            root.attrs["Version"] = VERSION
-            root.attrs.create("Type", np.bytes_("ImageData"))
-            root.attrs["WholeExtent"] = [0, shape[2] - 1, 0, shape[1] - 1, 0, shape[0] - 1]
-            root.attrs["Origin"], root.attrs["Spacing"] = np.array(first, float), np.array(spacing, float)
-            root.attrs["Direction"] = np.eye(3).ravel()
-            points = root.create_group("PointData")
-            yield points
-            if steps is not None:
-                _add_steps(root, points, np.asarray(steps, float))
-        os.replace(aside, path)
-    except OSError as error:
-        raise PlenoPIVError(f"{path}: cannot be written ({error.strerror or error})") from None
-    finally:
-        with suppress(FileNotFoundError):
-            aside.unlink()
+    with written_aside(path) as aside, h5py.File(aside, "w") as file:
+        root = file.create_group("VTKHDF", track_order=True)
+        root.attrs["Version"] = VERSION
+        root.attrs.create("Type", np.bytes_("ImageData"))
+        root.attrs["WholeExtent"] = [0, shape[2] - 1, 0, shape[1] - 1, 0, shape[0] - 1]
+        root.attrs["Origin"], root.attrs["Spacing"] = np.array(first, float), np.array(spacing, float)
+        root.attrs["Direction"] = np.eye(3).ravel()
+        points = root.create_group("PointData")
+        yield points
+        if steps is not None:
+            _add_steps(root, points, np.asarray(steps, float))
 
 
 def _add_steps(root: h5py.Group, points: h5py.Group, times_s: np.ndarray) -> None:
