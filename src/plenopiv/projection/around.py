@@ -84,12 +84,12 @@ class CamerasAround:
         """The voxels that are in every one of ``volumes``, a list of each camera in its own order; values are 1."""
         left: NDArray[np.int64] | None = None
         for volume, mounting in zip(volumes, self.mountings, strict=True):
-            found = np.sort(self._numbers(volume, mounting))
+            found = np.ravel_multi_index(places_of(turned(volume, mounting.inverse()).volume)[::-1], self.grid.shape)
             left = found if left is None else np.intersect1d(left, found, assume_unique=True)
         assert left is not None
         row, column = np.divmod(left, self.grid.shape[2])
-        start = np.searchsorted(row, np.arange(self.grid.shape[0] * self.grid.shape[1] + 1))
-        return SparseVolume(self.grid, start.astype(np.int64), column.astype(np.uint16), np.ones(left.size, np.float32))
+        ones = np.ones(left.size, np.float32)
+        return SparseVolume(self.grid, _starts(row, self.grid), column.astype(np.uint16), ones)
 
     def _stacked(self, each: Sequence[NDArray]) -> NDArray:
         out = np.zeros((self.views, self._lenses), each[0].dtype)
@@ -106,15 +106,6 @@ class CamerasAround:
             mine = np.flatnonzero((views >= self._first[number]) & (views < self._first[number + 1]))
             if mine.size:
                 yield projector, listed, mine, views[mine] - self._first[number]
-
-    def _numbers(self, volume: SparseVolume, mounting: Mounting) -> NDArray[np.int64]:
-        """Number in the object's order of each voxel of a camera's list."""
-        z, y, x = self.grid.shape
-        counts, places = (x, y, z), [np.empty(0, np.int64)] * 3
-        for axis, place in zip(mounting.axes, places_of(volume), strict=True):
-            n = abs(axis) - 1
-            places[n] = (counts[n] - 1 - place if axis < 0 else place).astype(np.int64)
-        return (places[2] * y + places[1]) * x + places[0]
 
 
 def places_of(volume: SparseVolume) -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.uint16]]:
@@ -134,5 +125,9 @@ def turned(volume: SparseVolume, mounting: Mounting) -> Turned:
     for place in own[1:]:
         order = order[np.argsort(place[order], kind="stable")]
     row = own[2][order].astype(np.int64) * grid.shape[1] + own[1][order]
-    start = np.searchsorted(row, np.arange(grid.shape[0] * grid.shape[1] + 1)).astype(np.int64)
-    return Turned(SparseVolume(grid, start, own[0][order], volume.values[order]), order)
+    return Turned(SparseVolume(grid, _starts(row, grid), own[0][order], volume.values[order]), order)
+
+
+def _starts(row: NDArray[np.int64], grid: VoxelGrid) -> NDArray[np.int64]:
+    """Where each row of a list begins, ``row`` being that of each voxel, ascending."""
+    return np.searchsorted(row, np.arange(grid.shape[0] * grid.shape[1] + 1)).astype(np.int64)

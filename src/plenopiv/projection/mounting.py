@@ -36,6 +36,11 @@ class Mounting:
     def _turn(self) -> NDArray[np.float64]:
         return np.eye(3)[[abs(a) - 1 for a in self.axes]] * np.sign(self.axes)[:, None]
 
+    def inverse(self) -> Mounting:
+        """Which way of the camera the object's x, y and z point."""
+        own = {abs(a): (n if a > 0 else -n) for n, a in enumerate(self.axes, 1)}
+        return Mounting((own[1], own[2], own[3]))
+
     def in_camera(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Points or displacements (..., 3) of the object in the camera's own frame."""
         return np.asarray(points_mm, float) @ self._turn().T
@@ -57,4 +62,3 @@ class Mounting:
 
 FRONT = Mounting()
 SIDE = Mounting((-3, 2, 1))  # on the +x side, looking along -x: turned by 90 degrees about y
-"""Two cameras at right angles."""
