@@ -7,6 +7,7 @@ Numba's cache looks at the time stamp of the file that holds a function, not of 
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 from functools import partial
@@ -14,7 +15,7 @@ from pathlib import Path
 
 import numba
 from numba import config
-from numba.core import cgutils
+from numba.core import cgutils, event
 from numba.extending import intrinsic
 
 FAST = {"reassoc", "nsz", "arcp", "contract", "afn"}  # without nnan and ninf: kernels may test for them
@@ -39,6 +40,27 @@ def _sources_hash() -> str:
 if not os.environ.get("NUMBA_CACHE_DIR"):
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     config.CACHE_DIR = str(base / "plenopiv" / _sources_hash())
+
+
+class _RareCollections(event.Listener):
+    """Numba makes a million objects that live on; to look among them for dead cycles as often as Python does took an
+    eighth of all compilation. Numba's lock lets one thread compile at a time."""
+
+    depth = 0
+
+    def on_start(self, _: event.Event) -> None:
+        if self.depth == 0:
+            self.usual = gc.get_threshold()
+            gc.set_threshold(max(self.usual[0], 50_000) if self.usual[0] else 0, *self.usual[1:])
+        self.depth += 1
+
+    def on_end(self, _: event.Event) -> None:
+        self.depth -= 1
+        if self.depth == 0:
+            gc.set_threshold(*self.usual)
+
+
+event.register("numba:compile", _RareCollections())
 
 kernel = partial(numba.njit, **FLAGS)
 plain_kernel = partial(numba.njit, cache=True, nogil=True)
