@@ -10,22 +10,20 @@ from __future__ import annotations
 import gc
 import hashlib
 import os
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numba
-from numba import config
+from numba import config, types
 from numba.core import cgutils, event
+from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 
 FAST = {"reassoc", "nsz", "arcp", "contract", "afn"}  # without nnan and ninf: kernels may test for them
-FLAGS = {
-    "fastmath": FAST,
-    "cache": True,
-    "nogil": True,
-    "no_cfunc_wrapper": True,
-    "error_model": "numpy",
-}  # an error model without exceptions lets loops vectorise
+PLAIN: dict[str, Any] = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
+FLAGS = PLAIN | {"fastmath": FAST, "error_model": "numpy"}  # an error model without exceptions lets loops vectorise
 
 
 def _sources_hash() -> str:
@@ -62,20 +60,45 @@ class _RareCollections(event.Listener):
 
 event.register("numba:compile", _RareCollections())
 
+
+class _Part(CPUDispatcher):
+    """What kernels alone call: without a way in from Python, whose making is an eighth of all compilation."""
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.py_func(*arguments)
+
+
+def _part(flags: dict[str, Any], function: Callable[..., Any]) -> Any:
+    compiled = numba.njit(function, no_cpython_wrapper=True, **flags)
+    compiled.__class__ = _Part
+    return compiled
+
+
 kernel = partial(numba.njit, **FLAGS)
-plain_kernel = partial(numba.njit, cache=True, nogil=True)
+plain_kernel = partial(numba.njit, **PLAIN)
 inlined = partial(numba.njit, inline="always", **FLAGS)
+part: Any = partial(_part, FLAGS)
+plain_part: Any = partial(_part, PLAIN)
+
+
+def _unowned(context, builder, kind, value):
+    if isinstance(kind, types.BaseTuple):
+        members = [_unowned(context, builder, k, builder.extract_value(value, n)) for n, k in enumerate(kind.types)]
+        return context.make_tuple(builder, kind, members)
+    if not isinstance(kind, types.Array):
+        return value
+    same = context.make_array(kind)(context, builder, value)
+    same.meminfo = cgutils.get_null_value(same.meminfo.type)
+    same.parent = cgutils.get_null_value(same.parent.type)
+    return same._getvalue()
 
 
 @intrinsic
-def borrowed(typing, array):
-    """The same array without an owner: its slices are not counted, as owners' are, at 40 cycles each and more where
-    threads share them. For a kernel's arguments alone, which outlive it."""
+def borrowed(typing, arrays):
+    """The same array, or tuple of arrays and numbers, without an owner: its slices are not counted, as owners' are, at
+    40 cycles each and more where threads share them. For a kernel's arguments alone, which outlive it."""
 
     def generate(context, builder, signature, arguments):
-        same = context.make_array(array)(context, builder, arguments[0])
-        same.meminfo = cgutils.get_null_value(same.meminfo.type)
-        same.parent = cgutils.get_null_value(same.parent.type)
-        return same._getvalue()
+        return _unowned(context, builder, arrays, arguments[0])
 
-    return array(array), generate
+    return arrays(arrays), generate

@@ -50,8 +50,8 @@ def test_spread(maps, j):
     for k in planes_with(maps):
         where, values, strip, spare = row(maps, k, j, NX - 4, rng)
         slow = strip.copy()
-        spread_rows(own(maps, k, maps.rank[k]), maps.shape[k], *where, values, strip, spare)
-        spread_rows(own(maps, k, 0), maps.shape[k], *where, values, slow, spare)
+        spread_rows(own(maps, k, maps.rank[k]), tuple(maps.shape[k]), *where, values, strip, spare)
+        spread_rows(own(maps, k, 0), tuple(maps.shape[k]), *where, values, slow, spare)
         assert np.abs(strip - slow).max() < 5 * PART * np.abs(slow).max()
 
 
@@ -62,7 +62,7 @@ def test_sum(maps, multiply):
         where, values, strip, spare = row(maps, k, 2, NX - 4, rng)
         fast, slow = values.copy(), values.copy()
         for out, rank in ((fast, maps.rank[k]), (slow, 0)):
-            about = own(maps, k, rank), maps.shape[k], *where
+            about = own(maps, k, rank), tuple(maps.shape[k]), *where
             sum_rows(*about, strip - np.float32(0.5), spare, multiply, out)
         np.testing.assert_allclose(fast, slow, atol=5 * PART * np.abs(slow).max())
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.predictor import SplineField
-from plenopiv.kernels import inlined, kernel
+from plenopiv.kernels import inlined, kernel, part
 from plenopiv.threads import in_threads
 from plenopiv.volume import Volume
 
@@ -84,7 +84,7 @@ def _weights(t):
     return w0, w1, w2, w3
 
 
-@kernel
+@part
 def _split(d, count, whole, weights):
     """Displacements ``d`` (count,) as whole voxels and the spline's weights (4 * CHUNK)."""
     for i in range(count):
@@ -95,7 +95,7 @@ def _split(d, count, whole, weights):
         weights[i], weights[CHUNK + i], weights[2 * CHUNK + i], weights[3 * CHUNK + i] = w0, w1, w2, w3
 
 
-@kernel
+@part
 def _add_line(line, count, of_x, of_y, out):
     """Add to ``out`` the weighted four neighbours in a line of the source, for voxels of a chunk that moved alike."""
     for i in range(count):
@@ -104,7 +104,7 @@ def _add_line(line, count, of_x, of_y, out):
         out[i] += of_y[i] * (near + far)
 
 
-@kernel
+@part
 def _add_plane(lines, count, of_z, out):
     """Add a plane's sum to ``out``, and clear it."""
     for i in range(count):
@@ -112,7 +112,7 @@ def _add_plane(lines, count, of_z, out):
         lines[i] = np.float32(0)
 
 
-@kernel
+@part
 def _add_at_face(source, x0, y0, z0, i, weights, out):
     """Voxel i of a chunk, some of whose 64 neighbours lie outside the source."""
     depth, ny, nx = source.shape
@@ -125,7 +125,7 @@ def _add_at_face(source, x0, y0, z0, i, weights, out):
     out[i] = total
 
 
-@kernel
+@part
 def _sample_chunk(source, x, y, z, d, count, whole, weights, lines, out):
     """Sample voxels x to x + count of a row at z, y (of the source), moved by ``d`` (3, count), into ``out``.
 
@@ -159,14 +159,14 @@ def _sample_chunk(source, x, y, z, d, count, whole, weights, lines, out):
         first = last
 
 
-@kernel
+@part
 def _add_share(line, count, share, out):
     """Add ``share`` of a line to ``out``."""
     for i in range(count):
         out[i] += share * line[i]
 
 
-@kernel
+@part
 def _sample_row(source, lines_of_d, shares, y, z, out):
     """Sample a row at y, z of the source, moved by the sums of lines of displacement (3, 4, nx) times ``shares``."""
     d, lines = np.empty((3, CHUNK), np.float32), np.zeros(CHUNK, np.float32)

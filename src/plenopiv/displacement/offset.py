@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.windows import WindowGrid
-from plenopiv.kernels import inlined, kernel
+from plenopiv.kernels import inlined, kernel, part
 from plenopiv.volume import Volume
 
 MOVES = 3  # steps of a voxel that the highest correlation may be away from where it was first looked for
@@ -99,7 +99,7 @@ def copied(b, z, y, x, size, plane, light, squares, k):
                 squares[6] += q + after * after - second * second
 
 
-@kernel
+@part
 def correlations(a, b, at, to, size, c):
     """C of a window of volume ``a`` with the one of ``b`` at ``to``, and with those before and after it along z, y and
     x: ``c`` (7,). Planes are copied into rows that follow one another, so that a plane's products are one sum."""

@@ -6,7 +6,7 @@ from math import log
 
 import numpy as np
 
-from plenopiv.kernels import kernel
+from plenopiv.kernels import kernel, part
 
 LEAST = 0.02  # determinant of a peak's curvatures over the product of those along the axes
 FARTHEST = 1.0  # voxels of a top from the highest voxel along any axis: on a slanted ridge more than half a voxel
@@ -14,7 +14,7 @@ Z, Y, X = np.int64(0), np.int64(1), np.int64(2)  # as arguments: a plain number 
 PEAK_RADIUS = 3  # voxels: a second peak this close on every axis is the flank of the first
 
 
-@kernel
+@part
 def gaussian_offset(left, centre, right):
     """Where a Gaussian through three neighbours has its top, relative to the middle one (voxels).
 
@@ -29,7 +29,7 @@ def gaussian_offset(left, centre, right):
     return min(0.5, max(-0.5, 0.5 * (right - left) / curvature))
 
 
-@kernel
+@part
 def curvature(left, centre, right):
     """Minus the second derivative at the middle one of three neighbours, as ``gaussian_offset`` sees it."""
     if left > 0.0 and centre > 0.0 and right > 0.0:
@@ -37,7 +37,7 @@ def curvature(left, centre, right):
     return 2.0 * centre - left - right
 
 
-@kernel
+@part
 def twist(r, z, y, x, one, other):
     """Minus the mixed second derivative of log r at a voxel, from the four corners in the plane of two axes (0 = z);
     0 where one of them is not positive."""
@@ -55,7 +55,7 @@ def twist(r, z, y, x, one, other):
     return total
 
 
-@kernel
+@part
 def untilted(r, z, y, x, matrix):
     """The matrix (3, 3), x y z, that takes the offsets of the three sections through a voxel to the offset of the top.
 
@@ -66,8 +66,9 @@ def untilted(r, z, y, x, matrix):
     a = curvature(r[z, y, x - 1], r[z, y, x], r[z, y, x + 1])
     b = curvature(r[z, y - 1, x], r[z, y, x], r[z, y + 1, x])
     c = curvature(r[z - 1, y, x], r[z, y, x], r[z + 1, y, x])
-    matrix[:] = 0.0
-    matrix[0, 0] = matrix[1, 1] = matrix[2, 2] = 1.0
+    for i in range(3):
+        for j in range(3):
+            matrix[i, j] = 1.0 if i == j else 0.0
     if a <= 0.0 or b <= 0.0 or c <= 0.0:
         return
     xy, xz, yz = twist(r, z, y, x, Y, X), twist(r, z, y, x, Z, X), twist(r, z, y, x, Z, Y)
@@ -97,46 +98,53 @@ def find_peaks(correlation, gain, displacement, peak_ratio, found, place, untilt
     dx, dy, dz of the voxel about which the peak was fitted; ``untilt`` (batch, 3, 3): see ``untilted``.
     """
     count, nz, ny, nx = correlation.shape
+    r = np.empty((3, 3, 3), correlation.dtype)
     for n in range(count):
         c, g = correlation[n], gain[n if gain.shape[0] > 1 else 0]
         best, pz, py, px = np.float32(0.0), np.int64(-1), np.int64(0), np.int64(0)
         for k in range(1, nz - 1):
             for j in range(1, ny - 1):
                 for i in range(1, nx - 1):
-                    if c[k, j, i] > best:
-                        best, pz, py, px = c[k, j, i], np.int64(k), np.int64(j), np.int64(i)
+                    value = c[k, j, i]
+                    if value > best:
+                        best, pz, py, px = value, np.int64(k), np.int64(j), np.int64(i)
         if pz < 0:
-            displacement[n, :] = 0.0
             peak_ratio[n] = 0.0
             found[n] = False
-            place[n], untilt[n] = 0, 0.0
+            for axis in range(3):
+                displacement[n, axis], place[n, axis] = 0.0, 0
+                untilt[n, axis, 0] = untilt[n, axis, 1] = untilt[n, axis, 2] = 0.0
             continue
         second = np.float32(0.0)
         for k in range(1, nz - 1):
             for j in range(1, ny - 1):
                 for i in range(1, nx - 1):
-                    apart = abs(k - pz) > PEAK_RADIUS or abs(j - py) > PEAK_RADIUS or abs(i - px) > PEAK_RADIUS
-                    if apart and c[k, j, i] > second:
-                        second = c[k, j, i]
+                    value = c[k, j, i]
+                    if value > second and max(abs(k - pz), max(abs(j - py), abs(i - px))) > PEAK_RADIUS:
+                        second = value
         # without a second peak the ratio is bounded, not infinite
         peak_ratio[n] = best / max(second, np.float32(1e-3) * best)
-        found[n] = best >= max(
-            max(c[pz - 1, py, px], c[pz + 1, py, px]),
-            max(max(c[pz, py - 1, px], c[pz, py + 1, px]), max(c[pz, py, px - 1], c[pz, py, px + 1])),
-        )
+        found[n] = True
+        for axis in range(3):
+            for side in (-1, 1):
+                found[n] &= best >= c[pz + side * (axis == 0), py + side * (axis == 1), px + side * (axis == 2)]
         pz, py, px = _nearest_top(c, g, pz, py, px)
         place[n, 0], place[n, 1], place[n, 2] = px - nx // 2, py - ny // 2, pz - nz // 2
-        r = c[pz - 1 : pz + 2, py - 1 : py + 2, px - 1 : px + 2] * g[pz - 1 : pz + 2, py - 1 : py + 2, px - 1 : px + 2]
+        for k in range(3):
+            for j in range(3):
+                for i in range(3):
+                    at = pz + k - 1, py + j - 1, px + i - 1
+                    r[k, j, i] = c[at] * g[at]
         untilted(r, Y, Y, Y, untilt[n])
-        x = gaussian_offset(r[1, 1, 0], r[1, 1, 1], r[1, 1, 2])
-        y = gaussian_offset(r[1, 0, 1], r[1, 1, 1], r[1, 2, 1])
-        z = gaussian_offset(r[0, 1, 1], r[1, 1, 1], r[2, 1, 1])
+        middle = r[1, 1, 1]
+        x, y = gaussian_offset(r[1, 1, 0], middle, r[1, 1, 2]), gaussian_offset(r[1, 0, 1], middle, r[1, 2, 1])
+        z = gaussian_offset(r[0, 1, 1], middle, r[2, 1, 1])
         for axis in range(3):
             off = untilt[n, axis, 0] * x + untilt[n, axis, 1] * y + untilt[n, axis, 2] * z
             displacement[n, axis] = place[n, axis] + min(FARTHEST, max(-FARTHEST, off))
 
 
-@kernel
+@part
 def _nearest_top(c, g, pz, py, px):
     """The maximum of c g uphill from a voxel, within the search radius: where the gain moves a top to a neighbour."""
     while True:
@@ -144,9 +152,10 @@ def _nearest_top(c, g, pz, py, px):
         for axis in range(3):
             for side in (-1, 1):
                 z, y, x = pz + side * (axis == 0), py + side * (axis == 1), px + side * (axis == 2)
-                inside = 0 < z < c.shape[0] - 1 and 0 < y < c.shape[1] - 1 and 0 < x < c.shape[2] - 1
-                if inside and c[z, y, x] * g[z, y, x] > best:
-                    best, tz, ty, tx = c[z, y, x] * g[z, y, x], z, y, x
+                if 0 < z < c.shape[0] - 1 and 0 < y < c.shape[1] - 1 and 0 < x < c.shape[2] - 1:
+                    value = c[z, y, x] * g[z, y, x]
+                    if value > best:
+                        best, tz, ty, tx = value, z, y, x
         if tz == pz and ty == py and tx == px:
             return pz, py, px
         pz, py, px = tz, ty, tx

@@ -6,10 +6,10 @@ import numpy as np
 
 from plenopiv.displacement.butterflies import LANES
 from plenopiv.displacement.transforms import POINT, forward, inverse, inverse_near_zero
-from plenopiv.kernels import kernel
+from plenopiv.kernels import kernel, part
 
 
-@kernel
+@part
 def weigh(windows, n, z, y, x, trust, space, to, plane, wide):
     """(window - mean) w of window n into ``space`` from ``to`` on, in planes of ``plane`` and rows of ``wide`` floats;
     whether it holds more than one value."""
@@ -63,7 +63,7 @@ def transform_windows(a, b, z, y, x, trust, plans, wide, high, pairs, lit):
         forward(plans, wide, high, space, rows, pairs[n], work)
 
 
-@kernel
+@part
 def cross_spectrum(pair, plans, high, half, strength):
     """S = conj(A) B of the transform of a + i b for the planes kz = 0 to nz // 2, and |S|, of which the mean over the
     whole spectrum is returned. A is the even part of the transform, i B the odd one:
@@ -93,7 +93,7 @@ def cross_spectrum(pair, plans, high, half, strength):
     return np.float32(total / (nz * ny * nx))
 
 
-@kernel
+@part
 def whiten(strength, mean, filters, whitening, ny, high):
     """|S|^-whitening times the filter, in place of |S|."""
     of_z, of_y, of_x = filters

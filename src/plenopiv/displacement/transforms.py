@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.butterflies import LANES, butterfly, transpose
-from plenopiv.kernels import inlined, kernel
+from plenopiv.kernels import inlined, kernel, part
 
 RADICES = (4, 5, 3, 2)
 POINT = 2 * LANES  # floats of a complex point in working memory
@@ -65,7 +65,7 @@ def lines(count: int) -> Lines:
     return Lines(count, np.array(radices, np.int64), np.concatenate(twiddles).astype(np.float32))
 
 
-@kernel
+@part
 def stage(radix, m, stride, source, at, step, apart, target, to, to_step, to_apart, twiddles, first):
     """One stage of Stockham's method: ``m`` times ``stride`` butterflies."""
     gap, to_gap = step * stride * m, to_step * stride
@@ -127,7 +127,7 @@ def forward(plans, wide, high, space, rows, spectrum, work):
             transform(along_x, columns, ZERO, WIDE, SIDE, spectrum, z * nx * high + y, high, flat, work)
 
 
-@kernel
+@part
 def inverse_plane(plans, wide, spectrum, at, apart, high, begin, rows, work):
     """Of one plane of a spectrum from ``at`` on the inverse along x, as rows (2, ny', ``wide``): their first column is
     x = ``begin`` (which wraps around), times nx."""

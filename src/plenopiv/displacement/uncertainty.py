@@ -30,7 +30,7 @@ from plenopiv.displacement.predictor import smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.spectra import as_correlated
 from plenopiv.displacement.windows import WindowGrid
-from plenopiv.kernels import kernel
+from plenopiv.kernels import kernel, part
 
 _BLOCKS = 4  # along each axis
 _THINNEST = (12, 4, 4)  # along z, y, x, voxels: longer than a particle; fewer blocks where they would be thinner
@@ -71,7 +71,7 @@ class ScatterCorrelator(WindowCorrelator):
         return out
 
 
-@kernel
+@part
 def wrapped(window, shift, out):
     """``window``, moved by -``shift`` (x, y, z) around its ends, with its first plane, row and column once more."""
     nz, ny, nx = out.shape[0] - 1, out.shape[1] - 1, out.shape[2] - 1
@@ -94,33 +94,27 @@ def block_sums(pairs, size, place, blocks, out):
     """
     nz, ny, nx = size
     bz, by, bx = blocks
-    a = np.empty((nz + 1, ny + 1, nx + 1), np.float32)
-    b, sums = np.empty_like(a), np.zeros((7, nx), np.float32)
+    a, b = np.empty((nz + 1, ny + 1, nx + 1), np.float32), np.empty((nz + 1, ny + 1, nx + 1), np.float32)
+    sums, unmoved = np.zeros((7, nx), np.float32), np.zeros_like(place[:1])
     for w in range(pairs.shape[0]):
-        wrapped(pairs[w, 0], np.zeros(3, np.int64), a)
+        wrapped(pairs[w, 0], unmoved[0], a)
         wrapped(pairs[w, 1], place[w], b)
         for k in range(nz):
             for j in range(ny):
-                add_products(a[k, j], b[k, j], sums[0])
-                add_products(a[k, j, 1:], b[k, j], sums[1])
-                add_products(a[k, j], b[k, j, 1:], sums[2])
-                add_products(a[k, j + 1], b[k, j], sums[3])
-                add_products(a[k, j], b[k, j + 1], sums[4])
-                add_products(a[k + 1, j], b[k, j], sums[5])
-                add_products(a[k, j], b[k + 1, j], sums[6])
+                for n in range(7):
+                    one, two = (
+                        a[k + (n == 5), j + (n == 3), np.int64(n == 1) :],
+                        b[k + (n == 6), j + (n == 4), np.int64(n == 2) :],
+                    )
+                    row = sums[n]
+                    for i in range(nx):
+                        row[i] += one[i] * two[i]
                 layer = (k * bz // nz * by + j * by // ny) * bx
                 if (j + 1) * by // ny > j * by // ny:  # the last row of a block, or of the window
                     for n in range(7):
                         for i in range(nx):
                             out[w, layer + i * bx // nx, n] += sums[n, i]
-                    sums[:] = np.float32(0)
-
-
-@kernel
-def add_products(a, b, out):
-    """Add the products of ``a`` and ``b``, as far as ``out`` goes."""
-    for i in range(out.size):
-        out[i] += a[i] * b[i]
+                            sums[n, i] = np.float32(0)
 
 
 @kernel
@@ -134,7 +128,8 @@ def jackknife_variance(sums, untilt, variance):
     for w in range(count):
         total, offset = np.zeros(7), np.zeros((blocks, 3))
         for i in range(blocks):
-            total += sums[w, i]
+            for n in range(7):
+                total[n] += sums[w, i, n]
         for axis in range(3):
             lo, hi = 1 + 2 * axis, 2 + 2 * axis
             centre = gaussian_offset(total[lo], total[0], total[hi])

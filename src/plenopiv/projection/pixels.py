@@ -11,7 +11,7 @@ from math import sqrt
 
 import numpy as np
 
-from plenopiv.kernels import inlined, kernel
+from plenopiv.kernels import inlined, part
 from plenopiv.projection import footprint
 from plenopiv.projection.footprint import TIP
 from plenopiv.projection.geometry import Plane
@@ -27,7 +27,7 @@ point_in_hexagon = inlined(footprint.point_in_hexagon)
 point_in_square = inlined(footprint.point_in_square)
 
 
-@kernel
+@part
 def plane_of(table, k):
     """Row k of the table of planes as scalars."""
     t = table[k]
@@ -41,7 +41,7 @@ def floor_of(x):
     return i - 1 if F(i) > x else i
 
 
-@kernel
+@part
 def reach_of(geo, plane, rule):
     """How far from a microlens' centre (cells, along and across rows) a footprint's centre may be and still meet it."""
     half = plane.half if rule == EXACT else F(0.67) * plane.half * (abs(geo.cos) + abs(geo.sin))
@@ -49,7 +49,7 @@ def reach_of(geo, plane, rule):
     return F(0.5) + half, (TIP if geo.hexagonal else F(0.5)) + half
 
 
-@kernel
+@part
 def box_of(geo, plane, rule):
     """Half widths in voxels, along x and y, of the box around a footprint."""
     wide, high = reach_of(geo, plane, rule)
@@ -71,7 +71,7 @@ def patch_area(geo, x, y, half_x, half_y):
     return rectangle_in_hexagon(x, y, half_x, half_y) if geo.hexagonal else rectangle_in_square(x, y, half_x, half_y)
 
 
-area_of = kernel(patch_area.py_func)  # compiled once for all that do not need it in vectors
+area_of = part(patch_area.py_func)  # compiled once for all that do not need it in vectors
 
 
 @inlined

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plenopiv.kernels import borrowed, inlined, kernel
+from plenopiv.kernels import borrowed, inlined, kernel, part
 from plenopiv.projection.pixels import (
     EXACT,
     ONE_RAY,
@@ -36,7 +36,7 @@ def outward(x, by):
     return x + by if x >= F(0) else x - by
 
 
-@kernel
+@part
 def row_weights(geo, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, out_x, out_y, n, weight):
     """Shares of a pixel for voxels in a row: voxel i lies (x0 + i step_x, y0 + i step_y) cells off its footprint's
     centre.
@@ -64,7 +64,7 @@ def row_weights(geo, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, ou
                     part[i] += ray_share(geo, plane, rim, qx, qy, ray, x0 + f * step_x, y0 + f * step_y)
 
 
-@kernel
+@part
 def footprint_of(geo, plane, s, t, qx, qy):
     """Where a pixel's light comes from in a plane: the middle of its footprint, voxels along x and y."""
     cx = plane.voxel_s * s + plane.step_x * qx - geo.x0
@@ -72,7 +72,7 @@ def footprint_of(geo, plane, s, t, qx, qy):
     return cx, cy
 
 
-@kernel
+@part
 def sharpness(geo, plane):
     """Over all places of a voxel in a plane, the integrals of its share of a pixel and of the share's square
     (cells^2), and the largest share."""
@@ -97,7 +97,7 @@ def sharpness_of_planes(begin, end, geo, table, out):
         out[k, 0], out[k, 1], out[k, 2] = sharpness(geo, plane_of(table, k))
 
 
-@kernel
+@part
 def any_alive(row):
     """Whether a stretch of a row holds a voxel that is not ruled out."""
     found = np.uint8(0)
@@ -106,7 +106,7 @@ def any_alive(row):
     return found > 0
 
 
-@kernel
+@part
 def summarise(where, left):
     """``left`` (ceil(ny / TOGETHER), nx): where any of TOGETHER rows of ``where`` (ny, nx) holds a voxel."""
     left[:] = np.uint8(0)
@@ -129,7 +129,7 @@ def prune(
     cuts counts as in ``views``. Views are tried in ``order``.
     """
     _, ny, nx = alive.shape
-    alive, bound, lens_mm, phase = borrowed(alive), borrowed(bound), borrowed(lens_mm), borrowed(phase)
+    alive, bound, lens_mm, phase = borrowed((alive, bound, lens_mm, phase))
     for k in range(begin, end):
         weight, left = np.empty(nx + LANES, np.float32), np.empty(((ny - 1) // TOGETHER + 1, nx), np.uint8)
         plane, where = plane_of(table, k), alive[k]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plenopiv.kernels import inlined, kernel
+from plenopiv.kernels import inlined, kernel, part
 from plenopiv.projection.simd import add_products, row_products
 
 F = np.float32
@@ -38,14 +38,14 @@ def pays(shape, rank, listed):
     return rank > 0 and LINE * F(rank * lines * width) < F(listed * rows * columns)
 
 
-@kernel
+@part
 def add_line(source, factor, count, out):
     """Add ``factor`` times a line to ``out``."""
     for x in range(count):
         out[x] += factor * source[x]
 
 
-@kernel
+@part
 def parts_of(factors, shape, j, r):
     """The r-th outer product of a plane: its column for the voxels of row j, and its rows."""
     _, _, rows, columns, points, shift = shape
@@ -68,7 +68,7 @@ def apart(n, count):
     return n if n >= 4 * quarter else n // 4 + (n & 3) * quarter
 
 
-@kernel
+@part
 def spread_lines(factors, rank, shape, j, column, values, first, last, strip, line, spare):
     """Spread the listed voxels ``first`` to ``last`` of row j of a plane by its outer products; ``line``: where the
     shares of the voxel in column 0 begin; ``spare``: room for a few lines."""
@@ -109,7 +109,7 @@ def spread_rows(own, shape, begin, end, top, row_start, column, values, strip, s
             )
 
 
-@kernel
+@part
 def sum_lines(factors, rank, shape, j, column, first, last, strip, line, spare, multiply, out):
     """The transpose of ``spread_lines``, into ``out`` as ``sum_rows``."""
     _, width, rows, columns, points, shift = shape

@@ -95,7 +95,7 @@ def add_shadow(sight, image, column, row, light):
 @kernel
 def project(begin, end, sight, ny, chunks, row_start, column, values, partial):
     """The listed voxels' light in one camera: chunk c of their rows into ``partial[c]`` (pixel,)."""
-    chunks, row_start, column, values = borrowed(chunks), borrowed(row_start), borrowed(column), borrowed(values)
+    chunks, row_start, column, values = borrowed((chunks, row_start, column, values))
     partial = borrowed(partial)
     for chunk in range(begin, end):
         image = partial[chunk]
@@ -110,7 +110,7 @@ def project(begin, end, sight, ny, chunks, row_start, column, values, partial):
 @kernel
 def gather(begin, end, sight, ny, chunks, row_start, column, image, out):
     """Add, for each listed voxel of the chunks, the sum of ``image`` over its shadow to ``out`` (voxel,)."""
-    row_start, column, image, out = borrowed(row_start), borrowed(column), borrowed(image), borrowed(out)
+    row_start, column, image, out = borrowed((row_start, column, image, out))
     for of in range(chunks[begin], chunks[end]):
         row = row_of(sight, of % ny, of // ny)
         for v in range(row_start[of], row_start[of + 1]):
@@ -122,7 +122,7 @@ def gather(begin, end, sight, ny, chunks, row_start, column, image, out):
 def least_along_sight(begin, end, sight, first_plane, image, least, product):
     """Planes ``begin`` to ``end`` of a slab (z, y, x) that starts at ``first_plane``: lower ``least`` to the light of
     ``image`` that meets each voxel, multiply ``product`` by it; both become 0 where the camera does not see it."""
-    image, least, product = borrowed(image), borrowed(least), borrowed(product)
+    image, least, product = borrowed((image, least, product))
     _, ny, nx = least.shape
     for k in range(begin, end):
         for j in range(ny):

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plenopiv.kernels import kernel
+from plenopiv.kernels import kernel, part
 from plenopiv.projection.pixels import (
     EXACT,
     ONE_RAY,
@@ -33,7 +33,7 @@ F = np.float32
 PX = F(2.0**-32)  # of the clock's ticks
 
 
-@kernel
+@part
 def slot_places(geo, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, lens, x, y, qx, qy, m, n):
     """For one slot: the lens of each voxel, the voxel's place off its footprint's centre (cells), and the pixel's q.
 
@@ -56,7 +56,7 @@ def slot_places(geo, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, le
         lens[k] = (j - j0) * ni + (i - i0) if here else -1
 
 
-@kernel
+@part
 def collect(
     count, reach_x, reach_y, lens, x, y, qx, qy, pairs, pair_voxel, pair_lens, pair_x, pair_y, pair_qx, pair_qy
 ):
@@ -68,7 +68,7 @@ def collect(
     return pairs
 
 
-@kernel
+@part
 def pair_shares(geo, plane, rule, rim, share, pairs, lens, x, y, qx, qy, weight):
     """The share of its lens' pixel that the voxel of each pair gives, into ``weight``."""
     if rule == ONE_RAY:
@@ -88,7 +88,7 @@ def pair_shares(geo, plane, rule, rim, share, pairs, lens, x, y, qx, qy, weight)
                 weight[k] += ray_share(geo, plane, rim, qx[k], qy[k], ray, x[k], y[k])
 
 
-@kernel
+@part
 def block_begin(geo, plane, m, n, count, column, row, cx, cy, j_of, high):
     """Voxels of a block in cells from lens (0, 0), seen through the view's nominal portion, and their first row of
     lenses."""
@@ -100,7 +100,7 @@ def block_begin(geo, plane, m, n, count, column, row, cx, cy, j_of, high):
         j_of[k] = floor_of((cy[k] - high) / spacing) + 1
 
 
-@kernel
+@part
 def block_columns(geo, plane, count, cx, j_of, dj, wide, first_i):
     """First lens of the window in its row ``dj``, for each voxel of a block."""
     for k in range(count):
@@ -108,7 +108,7 @@ def block_columns(geo, plane, count, cx, j_of, dj, wide, first_i):
         first_i[k] = floor_of((cx[k] - wide) / plane.pitch - F(0.5) * odd) + 1
 
 
-@kernel
+@part
 def fill_block(plane_end, start, row, ny, row_start, column, block_column, block_row):
     """The next block of listed voxels of a plane from voxel ``start`` in ``row``; returns their number and the row
     reached."""

@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from plenopiv.kernels import borrowed, inlined, kernel
-from plenopiv.projection.maps import Maps
+from plenopiv.kernels import borrowed, inlined, kernel, part
 from plenopiv.projection.pixels import plane_of
 from plenopiv.projection.rows import first_line, spread_rows, sum_rows
-from plenopiv.projection.views import Views
 
 F, U = np.float32, np.uint64
 ZERO = np.int64(0)  # of a plain 0 Numba makes a type of its own, and compiles twice what takes it
@@ -23,7 +21,7 @@ STRIP = 1 << 17  # points worked on at once: they stay in the second-level cache
 OFF = F(1.15)  # px that a pixel's q may be off its view's: its phase, its lit part's middle, drift
 
 
-@kernel
+@part
 def pixels_near(geo, plane, size, border, views, n, low, high):
     """The range of the pixels of view n (sorted by row) whose footprints may be centred on rows low <= y < high of a
     map: their q along y is less than OFF away from the view's ``middle``."""
@@ -44,7 +42,7 @@ def pixels_near(geo, plane, size, border, views, n, low, high):
     return found
 
 
-@kernel
+@part
 def places(geo, plane, size, border, views, n, begin, count, top, low, high, at, across, along, lit):
     """Where the footprints of pixels ``begin`` onwards, all of view n, are centred on a strip, of a map of ``size``
     (rows, columns, points to a voxel), whose first row is ``top``: the point above and to the left, the way to the next
@@ -75,7 +73,7 @@ def places(geo, plane, size, border, views, n, begin, count, top, low, high, at,
         lit[c] = lit[c] if here else F(0)
 
 
-@kernel
+@part
 def read(geo, plane, size, border, views, n, top, low, high, strip, light):
     """Add to ``light`` (count,) what the pixels of view n on rows low <= y < high of a map collect, whose rows from
     ``top`` on are ``strip`` (flat)."""
@@ -93,7 +91,7 @@ def read(geo, plane, size, border, views, n, top, low, high, strip, light):
             out[c] += plane.light * lit[c] * (above + along[c] * (below - above))
 
 
-@kernel
+@part
 def write(geo, plane, size, border, views, n, top, low, high, image, strip):
     """The transpose of ``read`` but for ``plane.light``: add ``image`` (count,) to the strip."""
     at = np.empty(BLOCK, np.int32)
@@ -114,7 +112,7 @@ def write(geo, plane, size, border, views, n, top, low, high, image, strip):
             strip[p + U(1)] += below_right
 
 
-@kernel
+@part
 def roll(strip, width, kept, lines):
     """Move the rows of a strip from ``kept`` on to its beginning; the others are dark."""
     left = (lines - kept) * width
@@ -127,6 +125,12 @@ def roll(strip, width, kept, lines):
 def rows_before(shape, line, ny):
     """The number of rows of voxels that reach only rows of a map before ``line``."""
     return min((((line - 1 - shape[2]) << shape[5]) - 1) // shape[4] + 1, ny)
+
+
+@inlined
+def shape_of(shapes, k):
+    """What ``Maps.shape`` says of plane k, as numbers: an array is dear to take apart."""
+    return shapes[k, 0], shapes[k, 1], shapes[k, 2], shapes[k, 3], shapes[k, 4], shapes[k, 5]
 
 
 @inlined
@@ -202,33 +206,17 @@ def listed(row_start, ny, k):
 
 
 @inlined
-def unowned(maps):
-    """The same maps, their arrays ``borrowed``."""
-    shares, parts = borrowed(maps.shares), borrowed(maps.parts)
-    return Maps(borrowed(maps.shape), borrowed(maps.start), borrowed(maps.border), shares, borrowed(maps.rank), parts)
-
-
-@inlined
 def of_plane(maps, k):
     """A plane's shares, their outer products and the number of these."""
     return maps.shares[maps.start[k, 0] :], maps.parts[maps.start[k, 1] :], maps.rank[k]
-
-
-@inlined
-def of_caller(views):
-    """The same views, their arrays ``borrowed``."""
-    return Views(
-        borrowed(views.pixels), borrowed(views.start), views.first, borrowed(views.middle), borrowed(views.rim)
-    )
 
 
 @kernel
 def forward(begin, end, geo, planes, maps, room, views, ny, row_start, column, values, partial):
     """Light of the listed voxels in the pixels of views. Each row of ``partial`` (images, count) takes that of some of
     the planes; rows ``begin`` to ``end`` are filled. ``room``: as ``room_of`` tells it."""
-    nz, images, maps = maps.rank.size, partial.shape[0], unowned(maps)
-    row_start, column = borrowed(row_start), borrowed(column)
-    values, partial, views = borrowed(values), borrowed(partial), of_caller(views)
+    nz, images, maps, views = maps.rank.size, partial.shape[0], borrowed(maps), borrowed(views)
+    row_start, column, values, partial = borrowed((row_start, column, values, partial))
     for c in range(begin, end):
         partial[c] = F(0)
         strip, spare = np.empty(room[0], np.float32), np.empty((room[1], room[2]), np.float32)
@@ -236,7 +224,7 @@ def forward(begin, end, geo, planes, maps, room, views, ny, row_start, column, v
             rows, any_light = listed(row_start, ny, k)
             if any_light:
                 own = of_plane(maps, k)
-                plane, size, edge = plane_of(planes, k), maps.shape[k], maps.border[k]
+                plane, size, edge = plane_of(planes, k), shape_of(maps.shape, k), maps.border[k]
                 forward_plane(geo, plane, size, edge, own, views, rows, column, values, strip, spare, partial[c])
 
 
@@ -246,14 +234,13 @@ def gather(
 ):  # fmt: skip
     """For each listed voxel the sum of ``image`` (count,) over the pixels of views, each by the share of a wholly lit
     pixel that the voxel gives it, into ``out``; with ``multiply``, their number, ``out`` times ``factor_of`` it."""
-    nz, maps = maps.rank.size, unowned(maps)
-    row_start, column = borrowed(row_start), borrowed(column)
-    image, out, views = borrowed(image), borrowed(out), of_caller(views)
+    nz, maps, views = maps.rank.size, borrowed(maps), borrowed(views)
+    row_start, column, image, out = borrowed((row_start, column, image, out))
     for c in range(begin, end):
         strip, spare = np.empty(room[0], np.float32), np.empty((room[1], room[2]), np.float32)
         for k in range(nz * c // chunks, nz * (c + 1) // chunks):
             rows, any_voxel = listed(row_start, ny, k)
             if any_voxel:
                 own = of_plane(maps, k)
-                plane, size, edge = plane_of(planes, k), maps.shape[k], maps.border[k]
+                plane, size, edge = plane_of(planes, k), shape_of(maps.shape, k), maps.border[k]
                 gather_plane(geo, plane, size, edge, own, views, rows, column, image, multiply, strip, spare, out)

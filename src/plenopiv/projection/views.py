@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.kernels import inlined, kernel
+from plenopiv.kernels import inlined, kernel, part
 
 F = np.float32
 GAUSS = F(0.28867513)  # of a pixel: the two points at which its lit length is taken
@@ -37,7 +37,7 @@ def lit_length(radius, base, v):
     return max(min(edge, F(0.5)), F(-0.5)) + F(0.5)
 
 
-@kernel
+@part
 def lit_part(radius, spread, qx, qy):
     """Lit share of a pixel at q that the rim may cut, and q of its lit part's middle, in a plane of a ``spread`` A."""
     along_x = abs(qx) > abs(qy)

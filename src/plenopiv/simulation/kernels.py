@@ -10,14 +10,14 @@ from math import cos, floor, log, pi, sin, sqrt
 
 import numpy as np
 
-from plenopiv.kernels import plain_kernel
+from plenopiv.kernels import plain_kernel, plain_part
 
 GOLDEN = (sqrt(5.0) - 1.0) / 2.0
 HEXAGONAL_ROW = sqrt(3.0) / 2.0
 LARGEST_DEVIATE = 8.6  # of _normal_pair: sqrt(-2 log 2^-53)
 
 
-@plain_kernel
+@plain_part
 def mix(seed, counter):
     """64 random bits of a counter (splitmix64; Steele, Lea & Flood 2014)."""
     z = np.uint64(seed) + (np.uint64(counter) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
@@ -26,13 +26,13 @@ def mix(seed, counter):
     return z ^ (z >> np.uint64(31))
 
 
-@plain_kernel
+@plain_part
 def _uniform(seed, counter):
     """A number in [0, 1) for a counter."""
     return float(mix(seed, counter) >> np.uint64(11)) * 1.1102230246251565e-16
 
 
-@plain_kernel
+@plain_part
 def _normal_pair(seed, counter):
     """Two standard normal deviates (Box-Muller)."""
     r = sqrt(-2.0 * log(1.0 - _uniform(seed, counter)))
@@ -40,7 +40,7 @@ def _normal_pair(seed, counter):
     return r * cos(angle), r * sin(angle)
 
 
-@plain_kernel
+@plain_part
 def nearest_lens(a, b, hexagonal):
     """Centre, in pitches from lens (0, 0), of the lens whose cell holds the lattice coordinates (a, b).
 
@@ -140,7 +140,7 @@ def add_patches(begin, end, image, window, start, patches):
                     image[row, col_lo + k] += patches[at + k]
 
 
-@plain_kernel
+@plain_part
 def _corner_area(x, y, radius):
     """Area of the part of a disc about the origin with 0 < coordinates < (x, y); odd in x and in y."""
     sign = (1.0 if x > 0 else -1.0) * (1.0 if y > 0 else -1.0)
@@ -154,7 +154,7 @@ def _corner_area(x, y, radius):
     return sign * area
 
 
-@plain_kernel
+@plain_part
 def disc_in_pixel(dx, dy, radius):
     """Share of a unit pixel that a disc centred (dx, dy) pixels away from the pixel's centre covers; exact."""
     x0, x1, y0, y1 = -dx - 0.5, -dx + 0.5, -dy - 0.5, -dy + 0.5
