@@ -13,6 +13,8 @@ from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 KEPT = 1 << 22  # numbers of lenses that views meet, in all: few beside the rest of a run's memory
+LITTLE = 200_000  # pixels times planes, half a millisecond
+VOXEL = 3  # a listed voxel takes the time of so many pixels of a plane
 RUNS = 16  # of planes, shared out among threads; forward, as many partial images are summed in order
 
 
@@ -48,7 +50,8 @@ class MappedViews:
         """The volume's light in each of ``views``, (views, lens); 0 where the pixel is no equation."""
         lenses, pixels = self.look(views)
         partial = np.empty((RUNS, lenses.size), np.float32)
-        in_threads(strips.forward, RUNS, *self._kernel_arguments(volume, pixels), volume.values, partial)
+        arguments = *self._kernel_arguments(volume, pixels), volume.values, partial
+        in_threads(strips.forward, RUNS, *arguments, little=self._little(volume, pixels))
         images = np.zeros((len(views), self.layout.lenses), np.float32)
         images[_of_view(pixels), lenses] = partial.sum(0)
         return images
@@ -100,7 +103,12 @@ class MappedViews:
     def _gather(self, views: NDArray[np.int64], images, volume: SparseVolume, multiply: int, out) -> None:
         lenses, pixels = self.look(views)
         corrections = images[_of_view(pixels), lenses].astype(np.float32)
-        in_threads(strips.gather, RUNS, *self._kernel_arguments(volume, pixels), corrections, multiply, RUNS, out)
+        arguments = *self._kernel_arguments(volume, pixels), corrections, multiply, RUNS, out
+        in_threads(strips.gather, RUNS, *arguments, little=self._little(volume, pixels))
+
+    def _little(self, volume: SparseVolume, pixels: Views) -> bool:
+        """Whether a kernel's work, pixels read in each plane and voxels spread, takes less than handing it over."""
+        return pixels.pixels.shape[1] * self.maps.rank.size + VOXEL * volume.values.size < LITTLE
 
 
 def _of_view(pixels: Views) -> NDArray[np.int64]:
