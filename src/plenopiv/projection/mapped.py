@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from plenopiv.lightfield import Layout
 from plenopiv.projection import geometry, strips
-from plenopiv.projection.maps import maps, widest
+from plenopiv.projection.maps import in_twos, maps, single_planes, widest
 from plenopiv.projection.views import Views, look
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
@@ -39,6 +39,8 @@ class MappedViews:
         self.rows, self.planes, self.lens_mm = rows, planes, lens_mm
         self.maps = maps(self.rows, self.planes, grid.shape, across)
         self.room = strips.room_of(self.maps.shape, strips.STRIP)
+        self.alone = single_planes(self.planes)
+        self.in_twos = [in_twos(self.rows, self.maps, self.planes, first) for first in (0, 1)]
         downwards = self.planes[0, geometry.Plane._fields.index("voxel_t")]
         self._by_row = np.argsort(np.sign(downwards) * self.lens_mm[:, 1], kind="stable")
         self._widest = widest(self.maps)
@@ -50,7 +52,7 @@ class MappedViews:
         """The volume's light in each of ``views``, (views, lens); 0 where the pixel is no equation."""
         lenses, pixels = self.look(views)
         partial = np.empty((RUNS, lenses.size), np.float32)
-        arguments = *self._kernel_arguments(volume, pixels), volume.values, partial
+        arguments = *self._kernel_arguments(views, volume, pixels), volume.values, partial
         in_threads(strips.forward, RUNS, *arguments, little=self._little(volume, pixels))
         images = np.zeros((len(views), self.layout.lenses), np.float32)
         images[_of_view(pixels), lenses] = partial.sum(0)
@@ -96,14 +98,15 @@ class MappedViews:
             self._met[view], self._kept = found, self._kept + found.size
         return found
 
-    def _kernel_arguments(self, volume: SparseVolume, pixels: Views):
+    def _kernel_arguments(self, views: NDArray[np.int64], volume: SparseVolume, pixels: Views):
         about = self.maps, self.room, pixels, self.grid.shape[1]
-        return self.rows, self.planes, *about, volume.row_start, volume.column
+        read = self.in_twos[views[0] % 2] if len(views) > 1 else self.alone  # either half-way, as the order of views is
+        return self.rows, *read, *about, volume.row_start, volume.column
 
     def _gather(self, views: NDArray[np.int64], images, volume: SparseVolume, multiply: int, out) -> None:
         lenses, pixels = self.look(views)
         corrections = images[_of_view(pixels), lenses].astype(np.float32)
-        arguments = *self._kernel_arguments(volume, pixels), corrections, multiply, RUNS, out
+        arguments = *self._kernel_arguments(views, volume, pixels), corrections, multiply, RUNS, out
         in_threads(strips.gather, RUNS, *arguments, little=self._little(volume, pixels))
 
     def _little(self, volume: SparseVolume, pixels: Views) -> bool:

@@ -12,19 +12,21 @@ it, where its edge is a ramp. Here are their sizes and the shares around a voxel
 
 from __future__ import annotations
 
-from math import ceil, floor, log2
+from math import ceil, floor, log2, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import kernel
+from plenopiv.projection.geometry import Plane
 from plenopiv.projection.pixels import EXACT, area_of, box_of, plane_of
 from plenopiv.projection.simd import LANES
 from plenopiv.threads import in_threads
 
 ACROSS = 7.0  # points of a map across a footprint, at least; with 4, depth is worse by a quarter
-RAMP = 2  # such points on the ramp at a footprint's edge, at least, where they are more than a voxel apart
+SMOOTH = 9.0  # squares of a step of more than a voxel on a footprint's width times the ramp at its edge, at least
+MOVED = 0.05  # of a footprint's width
 ENOUGH = 2 * ACROSS  # points across a footprint that ends sharply: no more
 SHARP = ((3, 1.0), (2, 2.5))  # points to a voxel where that ramp is shorter than so many voxels
 MOST_PARTS = 6  # outer products
@@ -56,11 +58,11 @@ def maps(geo, table: NDArray[np.float32], grid_shape: tuple[int, int, int], acro
     footprint_box(geo, table, reach)
     total = 0
     for k, (wide, high, ramp) in enumerate(reach.tolist()):
-        per_point = ramp * ACROSS / (RAMP * across)  # voxels
         narrow = 2 * min(wide, high)
+        step = sqrt(ramp * narrow / SMOOTH) * ACROSS / across  # voxels
         sharp = min(next((n for n, voxels in SHARP if ramp < voxels), 1), ceil(ENOUGH / narrow))
         points = max(ceil(sharp * across / ACROSS), ceil(across / narrow))
-        shift = max(0, floor(log2(per_point))) if points == 1 and per_point > 0 else 0
+        shift = max(0, floor(log2(step))) if points == 1 and step > 0 else 0
         right, down = (floor(points * half / 2**shift) for half in (wide, high))
         more = 2 if shift else 1
         rows, columns = 2 * down + more, LANES * ceil((2 * right + more) / LANES)
@@ -111,6 +113,35 @@ def sharpened(shares: NDArray[np.float32]) -> NDArray[np.float32]:
     out = np.maximum(out, 0.0)
     scale = shares.sum((1, 2), dtype=np.float64) / np.maximum(out.sum((1, 2)), 1e-30)
     return (out * scale[:, None, None]).astype(np.float32)
+
+
+class Read(NamedTuple):
+    """How planes are read off maps: ``table`` (n, 14), where those that share a map are taken to be, and ``first``
+    (n + 1,), the first plane of each map."""
+
+    table: NDArray[np.float32]
+    first: NDArray[np.int64]
+
+
+def single_planes(table: NDArray[np.float32]) -> Read:
+    """Each plane off a map of its own."""
+    return Read(table, np.arange(len(table) + 1))
+
+
+def in_twos(geo, found: Maps, table: NDArray[np.float32], first: int) -> Read:
+    """Neighbouring planes off one map, half-way between them, where its points are more than a voxel apart and light at
+    the aperture's rim moves less than MOVED from one to that middle: planes of even number with the next (``first``
+    0), or with the one before (1)."""
+    steps = table[:, [Plane._fields.index("step_x"), Plane._fields.index("step_y")]]
+    moved = np.abs(np.diff(steps, axis=0)) / 2 * geo.radius
+    width = 2 * (found.border - 2) * (2.0 ** found.shape[:, 5] / found.shape[:, 4])[:, None]
+    joined = (found.shape[1:] == found.shape[:-1]).all(1) & (found.border[1:] == found.border[:-1]).all(1)
+    joined &= (found.shape[1:, 5] > 0) & (moved < MOVED * width[1:]).all(1)
+    joined &= np.arange(1, len(table)) % 2 != first
+    begin = np.flatnonzero(np.append(True, ~joined))
+    count = np.diff(np.append(begin, len(table)))
+    middle = np.add.reduceat(table.astype(np.float64), begin, 0) / count[:, None]
+    return Read(middle.astype(np.float32), np.append(begin, len(table)))
 
 
 def widest(found: Maps) -> tuple[float, float]:

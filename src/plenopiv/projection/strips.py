@@ -140,12 +140,13 @@ def size_of(shape):
 
 
 @inlined
-def forward_plane(geo, plane, shape, border, own, views, row_start, column, values, strip, spare, light):
-    """Add to ``light`` (count,) what the pixels of some views collect of a plane's listed voxels.
+def forward_planes(geo, plane, shape, border, planes, maps, ny, views, row_start, column, values, strip, spare, light):
+    """Add to ``light`` (count,) what the pixels of some views collect of the listed voxels of ``planes`` (first, end),
+    which share one map.
 
     The map is made strip by strip from above: rows of voxels are spread while they fit in, pixels read from the rows
     that no other voxel reaches, and what is left rolled to the strip's beginning."""
-    size, ny = size_of(shape), row_start.size - 1
+    size = size_of(shape)
     height, width, _ = size
     lines = strip.size // width
     strip[: lines * width] = F(0)
@@ -153,7 +154,9 @@ def forward_plane(geo, plane, shape, border, own, views, row_start, column, valu
     while True:
         bottom = min(top + lines, height)
         stop = rows_before(shape, bottom, ny)
-        spread_rows(own, shape, j, stop, top, row_start, column, values, strip, spare)
+        for k in range(planes[0], planes[1]):
+            rows = row_start[k * ny : (k + 1) * ny + 1]
+            spread_rows(of_plane(maps, k), shape, j, stop, top, rows, column, values, strip, spare)
         j = stop
         finished = first_line(shape, j) if j < ny else bottom
         for n in range(views.start.size - 1):
@@ -165,12 +168,12 @@ def forward_plane(geo, plane, shape, border, own, views, row_start, column, valu
 
 
 @inlined
-def gather_plane(
-    geo, plane, shape, border, own, views, row_start, column, image, multiply, strip, spare, out
+def gather_planes(
+    geo, plane, shape, border, planes, maps, ny, views, row_start, column, image, multiply, strip, spare, out
 ):  # fmt: skip
-    """What ``gather`` does for a plane: its map is made strip by strip from above, and rows of voxels are summed once
-    all pixels around them are in."""
-    size, ny = size_of(shape), row_start.size - 1
+    """What ``gather`` does for ``planes`` that share one map: it is made strip by strip from above, and rows of voxels
+    are summed once all pixels around them are in."""
+    size = size_of(shape)
     height, width, _ = size
     lines = strip.size // width
     strip[: lines * width] = F(0)
@@ -181,7 +184,9 @@ def gather_plane(
             write(geo, plane, size, border, views, n, top, written, bottom - 1, image, strip)
         written = bottom - 1
         stop = rows_before(shape, written, ny)
-        sum_rows(own, shape, j, stop, top, row_start, column, strip, spare, multiply, out)
+        for k in range(planes[0], planes[1]):
+            rows = row_start[k * ny : (k + 1) * ny + 1]
+            sum_rows(of_plane(maps, k), shape, j, stop, top, rows, column, strip, spare, multiply, out)
         j = stop
         if j == ny:
             return
@@ -199,48 +204,45 @@ def room_of(shape, size):
 
 
 @inlined
-def listed(row_start, ny, k):
-    """Where the rows of plane k begin in the list of voxels, and whether it holds any."""
-    rows = row_start[k * ny : (k + 1) * ny + 1]
-    return rows, rows[0] < rows[ny]
-
-
-@inlined
 def of_plane(maps, k):
     """A plane's shares, their outer products and the number of these."""
     return maps.shares[maps.start[k, 0] :], maps.parts[maps.start[k, 1] :], maps.rank[k]
 
 
 @kernel
-def forward(begin, end, geo, planes, maps, room, views, ny, row_start, column, values, partial):
-    """Light of the listed voxels in the pixels of views. Each row of ``partial`` (images, count) takes that of some of
-    the planes; rows ``begin`` to ``end`` are filled. ``room``: as ``room_of`` tells it."""
-    nz, images, maps, views = maps.rank.size, partial.shape[0], borrowed(maps), borrowed(views)
+def forward(begin, end, geo, table, first, maps, room, views, ny, row_start, column, values, partial):
+    """Light of the listed voxels in the pixels of views. Planes ``first[g]`` to ``first[g + 1]`` share one map, seen
+    as ``table[g]`` is (``maps.Read``). Each row of ``partial`` (images, count) takes that of some of them; rows
+    ``begin`` to ``end`` are filled. ``room``: as ``room_of`` tells it."""
+    count, images, maps, views = first.size - 1, partial.shape[0], borrowed(maps), borrowed(views)
     row_start, column, values, partial = borrowed((row_start, column, values, partial))
     for c in range(begin, end):
         partial[c] = F(0)
         strip, spare = np.empty(room[0], np.float32), np.empty((room[1], room[2]), np.float32)
-        for k in range(nz * c // images, nz * (c + 1) // images):
-            rows, any_light = listed(row_start, ny, k)
-            if any_light:
-                own = of_plane(maps, k)
-                plane, size, edge = plane_of(planes, k), shape_of(maps.shape, k), maps.border[k]
-                forward_plane(geo, plane, size, edge, own, views, rows, column, values, strip, spare, partial[c])
+        for g in range(count * c // images, count * (c + 1) // images):
+            planes = first[g], first[g + 1]
+            if row_start[planes[0] * ny] < row_start[planes[1] * ny]:
+                plane, size, edge = plane_of(table, g), shape_of(maps.shape, planes[0]), maps.border[planes[0]]
+                forward_planes(
+                    geo, plane, size, edge, planes, maps, ny, views, row_start, column, values, strip, spare, partial[c]
+                )
 
 
 @kernel
 def gather(
-    begin, end, geo, planes, maps, room, views, ny, row_start, column, image, multiply, chunks, out
+    begin, end, geo, table, first, maps, room, views, ny, row_start, column, image, multiply, chunks, out
 ):  # fmt: skip
     """For each listed voxel the sum of ``image`` (count,) over the pixels of views, each by the share of a wholly lit
     pixel that the voxel gives it, into ``out``; with ``multiply``, their number, ``out`` times ``factor_of`` it."""
-    nz, maps, views = maps.rank.size, borrowed(maps), borrowed(views)
+    count, maps, views = first.size - 1, borrowed(maps), borrowed(views)
     row_start, column, image, out = borrowed((row_start, column, image, out))
     for c in range(begin, end):
         strip, spare = np.empty(room[0], np.float32), np.empty((room[1], room[2]), np.float32)
-        for k in range(nz * c // chunks, nz * (c + 1) // chunks):
-            rows, any_voxel = listed(row_start, ny, k)
-            if any_voxel:
-                own = of_plane(maps, k)
-                plane, size, edge = plane_of(planes, k), shape_of(maps.shape, k), maps.border[k]
-                gather_plane(geo, plane, size, edge, own, views, rows, column, image, multiply, strip, spare, out)
+        for g in range(count * c // chunks, count * (c + 1) // chunks):
+            planes = first[g], first[g + 1]
+            if row_start[planes[0] * ny] < row_start[planes[1] * ny]:
+                plane, size, edge = plane_of(table, g), shape_of(maps.shape, planes[0]), maps.border[planes[0]]
+                gather_planes(
+                    geo, plane, size, edge, planes, maps, ny, views, row_start, column, image, multiply, strip, spare,
+                    out,
+                )  # fmt: skip
