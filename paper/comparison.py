@@ -14,6 +14,7 @@ import argparse
 import json
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -53,9 +54,8 @@ def measured(name: str, setting: Comparison) -> Measured:
     if name == "exact":
         return lightfield_case.measure_exact(setting.light_field, jet, SEED)
     if name == "two":
-        return two_cameras_case.measure_two_cameras(
-            setting.two, lightfield_case.seeded(setting.light_field, jet, SEED), SEED
-        )
+        lit = replace(setting.light_field, volume_mm=setting.two.volume_mm)
+        return two_cameras_case.measure_two_cameras(setting.two, lightfield_case.seeded(lit, jet, SEED), SEED)
     if name == "tomo":
         return tomo_case.measure_tomo(setting.tomo, jet, seed=SEED)
     return tomo_case.measure_tomo(setting.matched, jet, lightfield_case.seeded(setting.light_field, jet, SEED), SEED)

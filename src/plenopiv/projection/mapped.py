@@ -13,8 +13,8 @@ from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 KEPT = 1 << 22  # numbers of lenses that views meet, in all: few beside the rest of a run's memory
-LITTLE = 200_000  # pixels times planes, half a millisecond
-VOXEL = 3  # a listed voxel takes the time of so many pixels of a plane
+LITTLE = 200_000  # pixels times planes, a quarter of a millisecond
+PRODUCTS = 20  # of a listed voxel and its map, that take the time of a pixel of a plane
 RUNS = 16  # of planes, shared out among threads; forward, as many partial images are summed in order
 
 
@@ -44,6 +44,7 @@ class MappedViews:
         downwards = self.planes[0, geometry.Plane._fields.index("voxel_t")]
         self._by_row = np.argsort(np.sign(downwards) * self.lens_mm[:, 1], kind="stable")
         self._widest = widest(self.maps)
+        self._voxel = float(self.maps.shape[:, 2:4].prod(1).mean()) / PRODUCTS
         self._met: dict[int, NDArray[np.int32]] = {}
         self._kept = 0
         self._last: tuple[tuple[int, ...], NDArray[np.int64], Views] | None = None
@@ -111,7 +112,7 @@ class MappedViews:
 
     def _little(self, volume: SparseVolume, pixels: Views) -> bool:
         """Whether a kernel's work, pixels read in each plane and voxels spread, takes less than handing it over."""
-        return pixels.pixels.shape[1] * self.maps.rank.size + VOXEL * volume.values.size < LITTLE
+        return pixels.pixels.shape[1] * self.maps.rank.size + self._voxel * volume.values.size < LITTLE
 
 
 def _of_view(pixels: Views) -> NDArray[np.int64]:

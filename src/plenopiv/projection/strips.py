@@ -219,7 +219,7 @@ def forward(begin, end, geo, table, first, maps, room, views, ny, row_start, col
     for c in range(begin, end):
         partial[c] = F(0)
         strip, spare = np.empty(room[0], np.float32), np.empty((room[1], room[2]), np.float32)
-        for g in range(count * c // images, count * (c + 1) // images):
+        for g in range(c, count, images):  # far from focus and near it alike
             planes = first[g], first[g + 1]
             if row_start[planes[0] * ny] < row_start[planes[1] * ny]:
                 plane, size, edge = plane_of(table, g), shape_of(maps.shape, planes[0]), maps.border[planes[0]]
@@ -238,7 +238,7 @@ def gather(
     row_start, column, image, out = borrowed((row_start, column, image, out))
     for c in range(begin, end):
         strip, spare = np.empty(room[0], np.float32), np.empty((room[1], room[2]), np.float32)
-        for g in range(count * c // chunks, count * (c + 1) // chunks):
+        for g in range(c, count, chunks):
             planes = first[g], first[g + 1]
             if row_start[planes[0] * ny] < row_start[planes[1] * ny]:
                 plane, size, edge = plane_of(table, g), shape_of(maps.shape, planes[0]), maps.border[planes[0]]

@@ -9,9 +9,10 @@ MART exactly. Where the light is split among neighbours, the voxel takes the sha
 
 the arithmetic form of the product of powers; like it, it leaves E alone where P = I, and it keeps E >= 0.
 
-Of a few views whose exponents mu sum to no more than one, corrections are added to one another and applied at once.
-That the second would have found the volume a little better after the first makes no difference that can be measured,
-and voxels are spread into maps and gathered once for all of them.
+Of a few views whose exponents mu sum to no more than two, corrections are added to one another and applied at once.
+That the second would have found the volume a little better after the first makes no difference that can be measured
+(beyond two, where a relaxed iteration no longer converges, it does), and voxels are spread into maps and gathered once
+for all of them.
 
 Of several cameras around a volume (Tomo-PIV) each is a view, and its pixels are what is called lenses here.
 """
@@ -28,7 +29,7 @@ from plenopiv.reconstruction.thinning import keeping
 from plenopiv.volume import SparseVolume
 
 THIN_EVERY = 16  # views
-TOGETHER = 4  # views that correct the volume at once, at most
+TOGETHER = 8  # views that correct the volume at once, at most
 
 Progress = Callable[[int, int], None]
 
@@ -50,19 +51,20 @@ def mart(
 
     ``floor`` (counts, the dark noise) is added to measured and projected light, so that a pixel's noise does not empty
     a voxel. Views come in a new random order each round, as neighbours say nearly the same, and as many at once as
-    ``relaxation`` allows, TOGETHER at most. The first round, which has to find where light is, takes twice that
+    their exponents allow, TOGETHER at most. The first round, which has to find where light is, takes twice that
     exponent. Every few views voxels that hold no more than ``thin`` of the mean are left out: less of it during the
     first round, in proportion to the views that have spoken, and none in the last of several, which shares out their
     light. ``overwrite``: work in the memory of ``volume``, which is of no use afterwards. Returns the volume and the
     RMS residual, in counts, that each round met.
     """
-    seen, together = projector.seen, max(1, min(TOGETHER, int(1 / relaxation + 1e-6)))
+    seen = projector.seen
     measured = np.maximum(values, 0.0) + np.float32(floor)
     rng = np.random.default_rng(seed)
     residuals = []
     working = volume if overwrite else keeping(volume, np.ones(volume.values.size, bool))
     for done in range(iterations):
         squares, power = 0.0, min(relaxation * (2 if done == 0 else 1), 1.0)
+        together = max(1, min(TOGETHER, int(2 / power + 1e-6))) if power < 1 else 1
         order, spoken = rng.permutation(projector.views), 0
         while spoken < order.size:
             views = order[spoken : spoken + together]
