@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from plenopiv.lightfield import Layout
 from plenopiv.projection import geometry, strips
 from plenopiv.projection.maps import in_twos, maps, single_planes, widest
-from plenopiv.projection.views import Views, look
+from plenopiv.projection.views import Views, look, meeting
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
 
@@ -90,11 +90,11 @@ class MappedViews:
         """The lenses whose pixel in a view is an equation and may meet a voxel, sorted by row."""
         if view in self._met:
             return self._met[view]
-        column, row = geometry.ends(self.layout, self.rows, self.planes, self.lens_mm, view)
-        (_, ny, nx), (wide, high) = self.grid.shape, self._widest
-        meets = self.layout.seen[view] & (column.min(0) < nx + wide) & (column.max(0) > -wide - 1)
-        meets &= (row.min(0) < ny + high) & (row.max(0) > -high - 1)
-        found = self._by_row[meets[self._by_row]].astype(np.int32)
+        (m, n), (_, ny, nx) = self.layout.offsets[view].astype(np.float32), self.grid.shape
+        size = np.array([nx, ny, *self._widest], np.float32)
+        found = np.empty(self._by_row.size, np.int32)
+        where = self.layout.seen[view], self._by_row, self.lens_mm, self.layout.phase
+        found = found[: meeting(self.rows, self.planes[[0, -1]], *where, m, n, size, found)].copy()
         if self._kept < KEPT:
             self._met[view], self._kept = found, self._kept + found.size
         return found

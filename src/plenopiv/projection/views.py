@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import inlined, kernel, part
+from plenopiv.projection.pixels import plane_of
 
 F = np.float32
 GAUSS = F(0.28867513)  # of a pixel: the two points at which its lit length is taken
@@ -48,6 +49,31 @@ def lit_part(radius, spread, qx, qy):
     lit = F(0.5) * (one + two)
     du, dv = outward * F(0.5) * (lit - F(1)), GAUSS * (two - one) / max(one + two, F(1e-6))
     return lit, qx + (du if along_x else dv), qy + (dv if along_x else du)
+
+
+@kernel
+def meeting(geo, plane_ends, seen, by_row, lens_mm, phase, m, n, size, found):
+    """The lenses whose pixel at (m, n) is an equation and may meet a voxel, into ``found``, in the order ``by_row``;
+    returns their number. ``plane_ends``: the first and the last plane, between which light runs straight; ``size``:
+    columns and rows of voxels, and half the width and height of the widest footprint."""
+    first, last = plane_of(plane_ends, 0), plane_of(plane_ends, 1)
+    nx, ny, wide, high = size
+    count = 0
+    for k in range(by_row.size):
+        lens = by_row[k]
+        if not seen[lens]:
+            continue
+        s, t, qx, qy = lens_mm[lens, 0], lens_mm[lens, 1], m - phase[lens, 0], phase[lens, 1] - n
+        x_1, x_2 = first.voxel_s * s + first.step_x * qx, last.voxel_s * s + last.step_x * qx
+        y_1, y_2 = first.voxel_t * t + first.step_y * qy, last.voxel_t * t + last.step_y * qy
+        found[count] = lens
+        count += (
+            (min(x_1, x_2) - geo.x0 < nx + wide)
+            & (max(x_1, x_2) - geo.x0 > -wide - F(1))
+            & (min(y_1, y_2) - geo.y0 < ny + high)
+            & (max(y_1, y_2) - geo.y0 > -high - F(1))
+        )
+    return count
 
 
 @kernel
