@@ -16,9 +16,9 @@ from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.volume import VoxelGrid
 
-READ = 5.1e-9  # s, a pixel in a plane, forth and back in one round
+READ = 3.5e-9  # s, a pixel in a plane, forth and back in one round
 TRACE = 7.7e-10  # s, a pixel in a plane, asked by dense ray tracing
-VOXEL = 5.5e-7  # s, a voxel: ruled out, listed, or corrected in the first round
+VOXEL = 4.5e-7  # s, a voxel: ruled out, listed, or corrected in the first round
 EVERY_VOXEL = 1.0e-7  # s, a voxel in one round where all are candidates
 WINDOW = 2.0e-8  # s, a voxel of a window in one pass
 START = 7.5  # s, calibration, libraries, report with its figures
