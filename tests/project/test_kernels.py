@@ -23,7 +23,9 @@ def test_a_part_is_compiled_into_kernels_and_plain_python_elsewhere():
     source, out = np.array([1.5, -2.0], np.float32), np.zeros(2, np.float32)
     fill_with_doubled(source, out)
     np.testing.assert_array_equal(out, [3.0, -4.0])
+    compiled = len(doubled.signatures)  # none where the kernel came from the cache
     assert doubled("ab") == "abab"  # no number: nothing that is compiled would take it
+    assert len(doubled.signatures) == compiled <= 1
 
 
 def test_borrowed_arguments_outlive_the_kernel():

@@ -43,7 +43,8 @@ class MappedViews:
         self.in_twos = [in_twos(self.rows, self.maps, self.planes, first) for first in (0, 1)]
         downwards = self.planes[0, geometry.Plane._fields.index("voxel_t")]
         self._by_row = np.argsort(np.sign(downwards) * self.lens_mm[:, 1], kind="stable")
-        self._widest = widest(self.maps)
+        (_, ny, nx), self._ends = grid.shape, self.planes[[0, -1]]
+        self._size = np.array([nx, ny, *widest(self.maps)], np.float32)
         self._voxel = float(self.maps.shape[:, 2:4].prod(1).mean()) / PRODUCTS
         self._met: dict[int, NDArray[np.int32]] = {}
         self._kept = 0
@@ -90,18 +91,16 @@ class MappedViews:
         """The lenses whose pixel in a view is an equation and may meet a voxel, sorted by row."""
         if view in self._met:
             return self._met[view]
-        (m, n), (_, ny, nx) = self.layout.offsets[view].astype(np.float32), self.grid.shape
-        size = np.array([nx, ny, *self._widest], np.float32)
-        found = np.empty(self._by_row.size, np.int32)
+        (m, n), found = self.layout.offsets[view].astype(np.float32), np.empty(self._by_row.size, np.int32)
         where = self.layout.seen[view], self._by_row, self.lens_mm, self.layout.phase
-        found = found[: meeting(self.rows, self.planes[[0, -1]], *where, m, n, size, found)].copy()
+        found = found[: meeting(self.rows, self._ends, *where, m, n, self._size, found)].copy()
         if self._kept < KEPT:
             self._met[view], self._kept = found, self._kept + found.size
         return found
 
     def _kernel_arguments(self, views: NDArray[np.int64], volume: SparseVolume, pixels: Views):
         about = self.maps, self.room, pixels, self.grid.shape[1]
-        read = self.in_twos[views[0] % 2] if len(views) > 1 else self.alone  # either half-way, as the order of views is
+        read = self.in_twos[views[0] % 2] if len(views) > 1 else self.alone  # either two, at random
         return self.rows, *read, *about, volume.row_start, volume.column
 
     def _gather(self, views: NDArray[np.int64], images, volume: SparseVolume, multiply: int, out) -> None:

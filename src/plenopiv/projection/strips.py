@@ -233,7 +233,8 @@ def gather(
     begin, end, geo, table, first, maps, room, views, ny, row_start, column, image, multiply, chunks, out
 ):  # fmt: skip
     """For each listed voxel the sum of ``image`` (count,) over the pixels of views, each by the share of a wholly lit
-    pixel that the voxel gives it, into ``out``; with ``multiply``, their number, ``out`` times ``factor_of`` it."""
+    pixel that the voxel gives it, into ``out``; with ``multiply``, their number, ``out`` times ``factor_of`` it.
+    ``table``, ``first``: as for ``forward``."""
     count, maps, views = first.size - 1, borrowed(maps), borrowed(views)
     row_start, column, image, out = borrowed((row_start, column, image, out))
     for c in range(begin, end):

@@ -64,7 +64,7 @@ def mart(
     working = volume if overwrite else keeping(volume, np.ones(volume.values.size, bool))
     for done in range(iterations):
         squares, power = 0.0, min(relaxation * (2 if done == 0 else 1), 1.0)
-        together = max(1, min(TOGETHER, int(2 / power + 1e-6))) if power < 1 else 1
+        together = min(TOGETHER, int(2 / power + 1e-6)) if power < 1 else 1
         order, spoken = rng.permutation(projector.views), 0
         while spoken < order.size:
             views = order[spoken : spoken + together]
