@@ -60,8 +60,8 @@ def correlation_pass(
     ``predictor``: displacement by which the volumes are deformed first; the result is its value at the window centres
     plus what the correlation finds. None: volumes as they are. ``settings``: smoothing, taper, whitening and
     agreement. ``search``: largest displacement to find, as a share of the window. ``scatter``: whether to find the
-    variance as well, at about twice the cost. One layer of windows is in memory at a time; results do not depend on
-    the number of threads (Numba's, ``NUMBA_NUM_THREADS``).
+    variance as well, at about twice the cost. One layer of windows, and what the next one adds to it, is in memory at a
+    time; results do not depend on the number of threads (Numba's, ``NUMBA_NUM_THREADS``).
     """
     size = windows.size
     radius = tuple(max(1, min(round(search * n), n // 2 - 2)) for n in size)
@@ -78,9 +78,9 @@ def correlation_pass(
     power = settings.agreement
     cuts = None if predictor is None else window_cuts(windows, predictor, a.grid.shape).reshape(nz, ny * nx, 3, 2)
     sources = (a, b) if predictor is None else (DeformedPlanes(a, predictor, -0.5), DeformedPlanes(b, predictor, 0.5))
-    layers = zip(_layers(sources[0], windows), _layers(sources[1], windows), strict=True)
 
-    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool, ThreadPoolExecutor(1) as ahead:
+        layers = zip(*(_layers(source, windows, ahead) for source in sources), strict=True)
         for layer, (planes_a, planes_b) in enumerate(layers):
 
             def work(lo: int, layer: int = layer, pa: NDArray = planes_a, pb: NDArray = planes_b) -> None:
@@ -161,19 +161,22 @@ def compressed(volume: Volume, exponent: float) -> Volume:
     return volume.with_values(np.sqrt(values) if exponent == 0.5 else values ** np.float32(exponent))
 
 
-def _layers(source: Volume | DeformedPlanes, windows: WindowGrid) -> Iterator[NDArray[np.float32]]:
-    """The planes of each layer of windows in turn; planes that two layers share are made once."""
+def _layers(
+    source: Volume | DeformedPlanes, windows: WindowGrid, ahead: ThreadPoolExecutor
+) -> Iterator[NDArray[np.float32]]:
+    """The planes of each layer of windows in turn; planes that two layers share are made once, and ``ahead``, which
+    has one thread, makes what the next layer has alone while one is looked at."""
     depth, step = windows.size[0], windows.step[0]
-    planes = None
-    for start in windows.starts[0].tolist():
-        if planes is None or step >= depth:
-            planes = np.concatenate(
-                [source.slab(lo, min(lo + step, start + depth)) for lo in range(start, start + depth, step)]
-            )
-        else:
-            planes[: depth - step] = planes[step:].copy()
-            planes[depth - step :] = source.slab(start + depth - step, start + depth)
+    starts = windows.starts[0].tolist()
+    first = range(starts[0], starts[0] + depth, step)
+    planes = np.concatenate([source.slab(lo, min(lo + step, starts[0] + depth)) for lo in first])
+    kept = max(depth - step, 0)
+    for start in starts[1:]:
+        coming = ahead.submit(source.slab, start + kept, start + depth)
         yield planes
+        planes[:kept] = planes[depth - kept :].copy()
+        planes[kept:] = coming.result()
+    yield planes
 
 
 def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progress | None = None) -> DisplacementField:

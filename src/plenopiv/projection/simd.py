@@ -26,12 +26,14 @@ VECTOR = ir.VectorType(ir.FloatType(), LANES)
 ZERO = ir.Constant(VECTOR, [0.0] * LANES)
 
 
-def _vector_at(builder, start, offset):
+def vector_at(builder, start, offset):
+    """Where LANES numbers from ``offset`` on begin."""
     return builder.bitcast(builder.gep(start, [offset]), VECTOR.as_pointer())
 
 
-def _load(builder, start, offset):
-    vector = builder.load(_vector_at(builder, start, offset))
+def load_vector(builder, start, offset):
+    """Those numbers."""
+    vector = builder.load(vector_at(builder, start, offset))
     vector.align = 4
     return vector
 
@@ -70,7 +72,7 @@ def row_products(typing, shares, at, columns, values, begin, nx, rows):
             for n in range(vectors):
                 offset = ir.Constant(INDEX, n * LANES)
                 product = builder.fmul(
-                    _load(builder, share, offset), _load(builder, value, offset), flags=("contract",)
+                    load_vector(builder, share, offset), load_vector(builder, value, offset), flags=("contract",)
                 )
                 builder.store(builder.fadd(builder.load(sums[n]), product, flags=("contract",)), sums[n])
 
@@ -103,9 +105,9 @@ def add_products(typing, shares, at, columns, factor, values, begin, nx, rows):
         def add(vectors, share, value):
             for n in range(vectors):
                 offset = ir.Constant(INDEX, n * LANES)
-                product = builder.fmul(_load(builder, share, offset), factors, flags=("contract",))
-                total = builder.fadd(_load(builder, value, offset), product, flags=("contract",))
-                builder.store(total, _vector_at(builder, value, offset)).align = 4
+                product = builder.fmul(load_vector(builder, share, offset), factors, flags=("contract",))
+                total = builder.fadd(load_vector(builder, value, offset), product, flags=("contract",))
+                builder.store(total, vector_at(builder, value, offset)).align = 4
 
         _for_each_row(builder, columns, rows, one, two, nx, add)
         return context.get_dummy_value()

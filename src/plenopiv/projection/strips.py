@@ -12,65 +12,95 @@ import numpy as np
 
 from plenopiv.kernels import borrowed, inlined, kernel, part
 from plenopiv.projection.pixels import plane_of
+from plenopiv.projection.points import read_places, write_places
 from plenopiv.projection.rows import first_line, spread_rows, sum_rows
+from plenopiv.projection.simd import LANES
 
-F, U = np.float32, np.uint64
+F = np.float32
 ZERO = np.int64(0)  # of a plain 0 Numba makes a type of its own, and compiles twice what takes it
-BLOCK = 256  # pixels placed at once
+BLOCK = 1024  # pixels placed at once
 STRIP = 1 << 17  # points worked on at once: they stay in the second-level cache
+ROUNDING = F(0.01)  # rows that a place may be off by it
 OFF = F(1.15)  # px that a pixel's q may be off its view's: its phase, its lit part's middle, drift
 
 
 @part
 def pixels_near(geo, plane, size, border, views, n, low, high):
-    """The range of the pixels of view n (sorted by row) whose footprints may be centred on rows low <= y < high of a
-    map: their q along y is less than OFF away from the view's ``middle``."""
+    """Of the pixels of view n, which are sorted by row, four bounds: between the outer ones lie all whose footprints
+    may be centred on rows low <= y < high of a map, between the inner ones none whose are not. A pixel's q along y is
+    less than OFF away from the view's ``middle``."""
     points, t = size[2], views.pixels[1]
     shift = F(border[1]) - points * geo.y0 + points * plane.step_y * views.middle[n]
-    slack = OFF * points * abs(plane.step_y)
-    found = (0, 0)
-    for side in range(2):
-        row = (F(low) - slack if side == 0 else F(high) + slack) - shift
-        a, b = views.start[n], views.start[n + 1]
+    slack = OFF * points * abs(plane.step_y) + ROUNDING
+    found = (0, 0, 0, 0)
+    for bound in range(4):
+        row = (F(low) if bound < 2 else F(high)) + (slack if bound % 2 else -slack) - shift
+        a, b = max(views.start[n], found[3]), views.start[n + 1]
         while a < b:
             c = (a + b) // 2
             if points * plane.voxel_t * t[c] < row:
                 a = c + 1
             else:
                 b = c
-        found = (a, found[1]) if side == 0 else (found[0], a)
+        found = found[1], found[2], found[3], a
     return found
 
 
-@part
-def places(geo, plane, size, border, views, n, begin, count, top, low, high, at, across, along, lit):
-    """Where the footprints of pixels ``begin`` onwards, all of view n, are centred on a strip, of a map of ``size``
-    (rows, columns, points to a voxel), whose first row is ``top``: the point above and to the left, the way to the next
-    column and row, and the pixels' lit shares; 0 for those that are not on rows low <= y < high. Those off the map
-    along x go to its border, where it is dark."""
-    width, points = np.int32(size[1]), size[2]
-    right = F(size[1]) - F(1.01)
+@inlined
+def steps_of(geo, plane, size, border):
+    """Where lens (0, 0) would have its footprint centred on a map, and the way for a step in s, q, t and q again."""
+    points = size[2]
     x0, y0 = F(border[0]) - points * geo.x0, F(border[1]) - points * geo.y0
-    xs, xq, ys, yq = points * plane.voxel_s, points * plane.step_x, points * plane.voxel_t, points * plane.step_y
-    off, p = plane.spread - views.first, views.pixels
+    return x0, y0, points * plane.voxel_s, points * plane.step_x, points * plane.voxel_t, points * plane.step_y
+
+
+@part
+def places(geo, plane, size, border, views, begin, count, top, at, across, along):
+    """Where the footprints of wholly lit pixels ``begin`` onwards are centred on a strip, of a map of ``size`` (rows,
+    columns, points to a voxel), whose first row is ``top``: the point above and to the left, the way to the next column
+    and row. Those off the map along x go to its border, where it is dark."""
+    x0, y0, xs, xq, ys, yq = steps_of(geo, plane, size, border)
+    width, top, right, p = np.int32(size[1]), np.int32(top), F(size[1]) - F(1.01), views.pixels
     s, t, qx, qy = p[0, begin:], p[1, begin:], p[2, begin:], p[3, begin:]
-    low, high, top = np.int32(low), np.int32(high), np.int32(top)
     for c in range(count):
-        across[c], along[c] = x0 + xs * s[c] + xq * qx[c], y0 + ys * t[c] + yq * qy[c]
-        lit[c] = F(1)
-    if views.rim[n]:
-        share, qx_off, qy_off, share_off = p[4, begin:], p[5, begin:], p[6, begin:], p[7, begin:]
-        for c in range(count):
-            across[c] += xq * off * qx_off[c]
-            along[c] += yq * off * qy_off[c]
-            lit[c] = share[c] + off * share_off[c]
-    for c in range(count):
-        x, y = min(max(across[c], F(0)), right), max(along[c], F(0))
+        x, y = min(max(x0 + xs * s[c] + xq * qx[c], F(0)), right), max(y0 + ys * t[c] + yq * qy[c], F(0))
         i, j = np.int32(x), np.int32(y)
-        here = (j >= low) & (j < high)
         across[c], along[c] = x - F(i), y - F(j)
-        at[c] = (j - top) * width + i if here else 0
+        at[c] = (j - top) * width + i
+
+
+@part
+def places_at_rim(geo, plane, size, border, views, begin, count, top, at, across, along, lit):
+    """The same for pixels that the aperture's rim cuts, and their lit shares."""
+    x0, y0, xs, xq, ys, yq = steps_of(geo, plane, size, border)
+    width, top, right, p = np.int32(size[1]), np.int32(top), F(size[1]) - F(1.01), views.pixels
+    s, t, qx, qy, off = p[0, begin:], p[1, begin:], p[2, begin:], p[3, begin:], plane.spread - views.first
+    share, qx_off, qy_off, share_off = p[4, begin:], p[5, begin:], p[6, begin:], p[7, begin:]
+    for c in range(count):
+        x = min(max(x0 + xs * s[c] + xq * (qx[c] + off * qx_off[c]), F(0)), right)
+        y = max(y0 + ys * t[c] + yq * (qy[c] + off * qy_off[c]), F(0))
+        i, j = np.int32(x), np.int32(y)
+        across[c], along[c] = x - F(i), y - F(j)
+        at[c] = (j - top) * width + i
+        lit[c] = share[c] + off * share_off[c]
+
+
+@part
+def only_within(first, last, count, at, lit):
+    """Pixels that are not at points first <= at < last take no part."""
+    first, last = np.int32(first), np.int32(last)
+    for c in range(count):
+        here = (at[c] >= first) & (at[c] < last)
+        at[c] = at[c] if here else 0
         lit[c] = lit[c] if here else F(0)
+
+
+@inlined
+def runs_of(rim, bounds):
+    """Runs of pixels (begin, end, whether they need no test): all but those near the strip's ends, and none where the
+    rim cuts pixels."""
+    inside = bounds[2] if not rim else bounds[1]
+    return (bounds[0], bounds[1], False), (inside, bounds[3], False), (bounds[1], inside, True)
 
 
 @part
@@ -79,16 +109,28 @@ def read(geo, plane, size, border, views, n, top, low, high, strip, light):
     ``top`` on are ``strip`` (flat)."""
     at = np.empty(BLOCK, np.int32)
     across, along, lit = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    width, (first, last) = U(size[1]), pixels_near(geo, plane, size, border, views, n, low, high)
-    for begin in range(first, last, BLOCK):
-        count, out = min(BLOCK, last - begin), light[begin:]
-        places(geo, plane, size, border, views, n, begin, count, top, low, high, at, across, along, lit)
-        for c in range(count):
-            p = U(at[c])
-            above = strip[p] + across[c] * (strip[p + U(1)] - strip[p])
-            p += width
-            below = strip[p] + across[c] * (strip[p + U(1)] - strip[p])
-            out[c] += plane.light * lit[c] * (above + along[c] * (below - above))
+    width, bounds = size[1], pixels_near(geo, plane, size, border, views, n, low, high)
+    for first, last, inside in runs_of(views.rim[n], bounds):
+        lit[:] = F(1)
+        for begin in range(first, last, BLOCK):
+            count = min(BLOCK, last - begin)
+            if views.rim[n]:
+                places_at_rim(geo, plane, size, border, views, begin, count, top, at, across, along, lit)
+            else:
+                places(geo, plane, size, border, views, begin, count, top, at, across, along)
+            if not inside:
+                if not views.rim[n]:
+                    lit[:] = F(1)
+                only_within((low - top) * size[1], (high - top) * size[1], count, at, lit)
+            whole = count - count % LANES
+            for c in range(0, whole, LANES):
+                read_places(strip, width, at, across, along, lit, c, plane.light, light, begin + c)
+            for c in range(whole, count):
+                p = np.int64(at[c])
+                above = strip[p] + across[c] * (strip[p + 1] - strip[p])
+                p += width
+                below = strip[p] + across[c] * (strip[p + 1] - strip[p])
+                light[begin + c] += plane.light * lit[c] * (above + along[c] * (below - above))
 
 
 @part
@@ -96,20 +138,32 @@ def write(geo, plane, size, border, views, n, top, low, high, image, strip):
     """The transpose of ``read`` but for ``plane.light``: add ``image`` (count,) to the strip."""
     at = np.empty(BLOCK, np.int32)
     across, along, lit = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    width, (first, last) = U(size[1]), pixels_near(geo, plane, size, border, views, n, low, high)
-    for begin in range(first, last, BLOCK):
-        count, value = min(BLOCK, last - begin), image[begin:]
-        places(geo, plane, size, border, views, n, begin, count, top, low, high, at, across, along, lit)
-        for c in range(count):
-            p, whole = U(at[c]), lit[c] * value[c]
-            below = along[c] * whole
-            above = whole - below
-            above_right, below_right = across[c] * above, across[c] * below
-            strip[p] += above - above_right
-            strip[p + U(1)] += above_right
-            p += width
-            strip[p] += below - below_right
-            strip[p + U(1)] += below_right
+    width, bounds = size[1], pixels_near(geo, plane, size, border, views, n, low, high)
+    for first, last, inside in runs_of(views.rim[n], bounds):
+        lit[:] = F(1)
+        for begin in range(first, last, BLOCK):
+            count = min(BLOCK, last - begin)
+            if views.rim[n]:
+                places_at_rim(geo, plane, size, border, views, begin, count, top, at, across, along, lit)
+            else:
+                places(geo, plane, size, border, views, begin, count, top, at, across, along)
+            if not inside:
+                if not views.rim[n]:
+                    lit[:] = F(1)
+                only_within((low - top) * size[1], (high - top) * size[1], count, at, lit)
+            whole = count - count % LANES
+            for c in range(0, whole, LANES):
+                write_places(image, begin + c, at, across, along, lit, c, strip, width)
+            for c in range(whole, count):
+                p, part = np.int64(at[c]), lit[c] * image[begin + c]
+                below = along[c] * part
+                above = part - below
+                above_right, below_right = across[c] * above, across[c] * below
+                strip[p] += above - above_right
+                strip[p + 1] += above_right
+                p += width
+                strip[p] += below - below_right
+                strip[p + 1] += below_right
 
 
 @part
