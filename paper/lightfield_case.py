@@ -97,25 +97,24 @@ def seen_by(camera: PlenopticCamera) -> Callable[[xr.Dataset, NDArray[np.float64
     return lambda field, half_mm: windows_seen(camera, (field.x.values, field.y.values, field.z.values), half_mm)
 
 
-def measure_exact(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Measured:
-    """The same particles and windows with exact volumes (Gaussians of three voxels) in place of reconstructed ones:
-    what windows of this size find at all."""
-    clock = Clock()
-    camera, particles = camera_of(setting), seeded(setting, flow, seed)
+def exact_pair(setting: LightFieldSetting, particles: Frames, clock: Clock) -> list[SparseVolume]:
+    """Volumes of Gaussians of three voxels in the place of reconstructed particles."""
     volumes = []
     for now in particles:
         values = exact_volume(now.position_mm, now.electrons, setting.grid).values
         lit = values > 0
         volumes.append(SparseVolume.from_mask(setting.grid, lit).with_values(values[lit]))
         clock.lap("simulation")
-    return correlated(setting, seen_by(camera), particles, volumes, volumes[0].occupancy, clock)
+    return volumes
 
 
-def measure_light_field(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Measured:
-    """Simulate, reconstruct and correlate. The lattice is known: calibration from a white image is left out."""
-    clock = Clock()
-    camera, particles = camera_of(setting), seeded(setting, flow, seed)
-    where, settings = layout(camera), ReconstructionSettings()
+def reconstructed_pair(
+    setting: LightFieldSetting, particles: Frames, seed: int, clock: Clock
+) -> tuple[list[SparseVolume], float]:
+    """Simulated and reconstructed as a run does, planes near focus weighed down; and the share of candidates. The
+    lattice is known: calibration from a white image is left out."""
+    camera, settings = camera_of(setting), ReconstructionSettings()
+    where = layout(camera)
     projector = Projector(where, setting.grid, settings.weights)
     rng = np.random.default_rng(seed + 1)
     frames: list[Reconstruction] = []
@@ -126,8 +125,22 @@ def measure_light_field(setting: LightFieldSetting, flow: Velocity, seed: int = 
         frames.append(reconstruct(decode(counts, where), projector, settings, counts_per_electron=NOISE.gain))
         clock.lap("reconstruction")
     weight = focus_weight(camera, setting.grid.axes()[2], settings.focus_reach)
-    volumes = [frame.volume.with_planes_scaled(weight) for frame in frames]
-    return correlated(setting, seen_by(camera), particles, volumes, frames[0].candidates, clock)
+    return [frame.volume.with_planes_scaled(weight) for frame in frames], frames[0].candidates
+
+
+def measure_exact(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Measured:
+    """The same particles and windows with exact volumes in place of reconstructed ones: what windows of this size find
+    at all."""
+    clock, particles = Clock(), seeded(setting, flow, seed)
+    volumes = exact_pair(setting, particles, clock)
+    return correlated(setting, seen_by(camera_of(setting)), particles, volumes, volumes[0].occupancy, clock)
+
+
+def measure_light_field(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Measured:
+    """Simulate, reconstruct and correlate."""
+    clock, particles = Clock(), seeded(setting, flow, seed)
+    volumes, candidates = reconstructed_pair(setting, particles, seed, clock)
+    return correlated(setting, seen_by(camera_of(setting)), particles, volumes, candidates, clock)
 
 
 def correlated(

@@ -167,12 +167,19 @@ def write(geo, plane, size, border, views, n, top, low, high, image, strip):
 
 
 @part
+def copy(source, count, out):
+    """Copy a line: of one array into itself the compiler does so number by number, unless both are told apart."""
+    for i in range(count):
+        out[i] = source[i]
+
+
+@part
 def roll(strip, width, kept, lines):
     """Move the rows of a strip from ``kept`` on to its beginning; the others are dark."""
-    left = (lines - kept) * width
-    for i in range(left):
-        strip[i] = strip[i + kept * width]
-    strip[left : lines * width] = F(0)
+    if kept > 0:
+        for line in range(lines - kept):
+            copy(strip[(kept + line) * width :], width, strip[line * width :])
+    strip[(lines - kept) * width : lines * width] = F(0)
 
 
 @inlined

@@ -1,0 +1,179 @@
+"""What it would take to find the jet's displacements to 0.12 voxel in the plane (section 4).
+
+Errors against the mean of the DNS over the paper's window, 64 x 64 x 16 voxels, in the volume of the reduced
+comparison, by three questions:
+
+- tracks: what perfect tracks of the particles would tell of that mean, by density. The mean of those in the window; the
+  value in its middle of a linear fit, which is what a perfect correlation sees; and the mean over it of the smoothest
+  field through the nearest tracks (thin plate splines), also around it.
+- windows: what smaller windows that overlap more find, of exact volumes and of LF-PIV, once their vectors are averaged
+  over the paper's window.
+- beyond: LF-PIV's errors far from focus, by density and by depth of the lit volume.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from comparison_scores import by_depth, score, window_mean
+from comparison_settings import DT_S, REDUCED, TARGET_DEPTH_MM, TINY, VOXEL_MM, LightFieldSetting, Window
+from lightfield_case import (
+    Clock,
+    Measured,
+    camera_of,
+    correlated,
+    exact_pair,
+    measure_light_field,
+    reconstructed_pair,
+    seeded,
+    seen_by,
+)
+from numpy.typing import NDArray
+from outputs import command_line, write_numbers
+from scipy.interpolate import RBFInterpolator, RegularGridInterpolator
+from scipy.spatial import cKDTree
+
+from plenopiv.accuracy import true_displacements
+from plenopiv.simulation.flows import Velocity, flow
+from plenopiv.volume import SparseVolume
+
+Array = NDArray[np.float64]
+NEAREST = 60  # tracks that a smooth field takes account of
+SAMPLES = 4  # of a window along each axis
+DENSITIES = 1.0, 2.0, 4.0, 8.0  # particles per microlens, of tracks
+COARSE: Window = (128, 128, 32)
+FINER: tuple[tuple[tuple[Window, ...], float], ...] = (
+    ((COARSE, (64, 64, 16)), 0.5),
+    ((COARSE, (64, 64, 16)), 0.75),
+    ((COARSE, (64, 64, 16), (48, 48, 12)), 0.5),
+    ((COARSE, (64, 64, 16), (48, 48, 12)), 0.75),
+    ((COARSE, (64, 64, 16), (32, 32, 8)), 0.75),
+)
+BEYOND = (  # particles per microlens, z limits in mm
+    (1.0, (-10.0, 10.0)),
+    (0.5, (-10.0, 10.0)),
+    (0.25, (-10.0, 10.0)),
+    (1.0, (4.0, 10.0)),
+    (0.5, (4.0, 10.0)),
+)
+
+
+def half_window(setting: LightFieldSetting) -> Array:
+    """Half the paper's window along x, y, z, mm."""
+    return 0.5 * np.array(setting.windows[-1]) * VOXEL_MM
+
+
+def centres(setting: LightFieldSetting) -> Array:
+    """Middles (n, 3) in mm of windows, half a window apart, that lie where windows are judged."""
+    across = setting.judged_mm or setting.volume_mm[:2]
+    half, axes = half_window(setting), []
+    for (low, high), margin in zip((*across, setting.volume_mm[2]), half, strict=True):
+        axes.append(np.arange(low + margin, high - margin + 1e-9, margin))
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+
+
+def inside(half_mm: Array) -> Array:
+    """Places (n, 3) in mm, evenly over a window, from its middle."""
+    steps = (2 * np.arange(SAMPLES) + 1) / SAMPLES - 1
+    return np.stack(np.meshgrid(steps, steps, steps), -1).reshape(-1, 3) * half_mm
+
+
+def rms_voxel(error_mm: Array) -> list[float]:
+    """Along x, y, z."""
+    return (np.sqrt((error_mm**2).mean(0)) / VOXEL_MM).tolist()
+
+
+def tracks(setting: LightFieldSetting, jet: Velocity, density: float) -> dict[str, Any]:
+    """Errors of means over windows up to the promised depth from true tracks of the particles of one pair."""
+    half, at = half_window(setting), centres(setting)
+    at = at[np.abs(at[:, 2]) + half[2] <= TARGET_DEPTH_MM + 1e-9]
+    a, b = (p.position_mm for p in seeded(replace(setting, particles_per_microlens=density), jet, 0))
+    middle, moved = 0.5 * (a + b), b - a
+    mean, _ = window_mean(jet, at, half)
+    fit = true_displacements(at, a, b, half)
+    known, tree = np.isfinite(fit.window).all(1), cKDTree(middle / half)
+    own = [tree.query_ball_point(place, 1.0, p=np.inf) for place in at / half]
+    smooth = RBFInterpolator(middle, moved, neighbors=min(NEAREST, len(moved)))
+    field = smooth((at[:, None] + inside(half)).reshape(-1, 3)).reshape(len(at), -1, 3).mean(1)
+    return {
+        "particles_per_microlens": density,
+        "particles_per_window": float(fit.particles.mean()),
+        "mean": rms_voxel(np.array([moved[n].mean(0) for n in own])[known] - mean[known]),
+        "linear_fit": rms_voxel(fit.window[known] - mean[known]),
+        "smooth_field": rms_voxel(field - mean),
+    }
+
+
+def averaged(measured: Measured, at: Array, half: Array) -> Array:
+    """Displacements (n, 3) in mm of the paper's windows about ``at``: the mean over them of the measured field, linear
+    between vectors."""
+    axes = [measured.field[name].values for name in "zyx"]
+    moved = np.stack([measured.field[name].values for name in "uvw"], -1) * 1e3 * DT_S
+    between = RegularGridInterpolator(axes, moved, bounds_error=False, fill_value=None)
+    return between((at[:, None] + inside(half))[..., ::-1].reshape(-1, 3)).reshape(len(at), -1, 3).mean(1)
+
+
+def finer_windows(setting: LightFieldSetting, jet: Velocity, density: float, finer=FINER) -> Iterator[dict[str, Any]]:
+    """Of exact volumes and of LF-PIV, errors by windows and overlap."""
+    setting = replace(setting, particles_per_microlens=density)
+    half, at = half_window(setting), centres(setting)
+    particles = seeded(setting, jet, 0)
+    mean, unresolved = window_mean(jet, at, half)
+    nothing = np.zeros(len(at))
+    volumes: dict[str, list[SparseVolume]] = {
+        "exact": exact_pair(setting, particles, Clock()),
+        "light_field": reconstructed_pair(setting, particles, 0, Clock())[0],
+    }
+    for name, pair in volumes.items():
+        for windows, overlap in finer:
+            now, began = replace(setting, windows=windows, overlap=overlap), perf_counter()
+            measured = correlated(now, seen_by(camera_of(now)), particles, pair, 1.0, Clock())
+            error = averaged(measured, at, half) - mean
+            depth = np.abs(at[:, 2]) + half[2]  # so that a window lies within a band as a whole
+            bands = by_depth(error, np.ones_like(error), nothing, depth, unresolved < np.inf, np.array(VOXEL_MM))
+            yield {
+                "volumes": name,
+                "particles_per_microlens": density,
+                "window": windows[-1],
+                "overlap": overlap,
+                "correlation_s": round(perf_counter() - began, 1),
+                **{band: {key: bands[band][key] for key in ("rms_voxel", "gross")} for band in ("within", "all")},
+            }
+
+
+def beyond(setting: LightFieldSetting, jet: Velocity, density: float, z_mm: tuple[float, float]) -> dict[str, Any]:
+    """LF-PIV's errors by depth, and by smooth flow, with another density or depth of the lit volume."""
+    now = replace(setting, particles_per_microlens=density, volume_mm=(*setting.volume_mm[:2], z_mm))
+    told, _ = score(measure_light_field(now, jet), jet, now.judged_mm)
+    bands = told["errors"]["window_mean"]
+    kept = {band: {key: e[key] for key in ("vectors", "rms_voxel", "gross")} for band, e in bands.items()}
+    return {"particles_per_microlens": density, "z_mm": z_mm, "candidates": told["candidates"], "bands": kept}
+
+
+def main(out: Path, reduced: bool) -> None:
+    """Measure all, and write paper/results/needed.json."""
+    setting = TINY if reduced else REDUCED
+    jet, light_field = flow("jet", at_mm=setting.jet_at_mm), setting.light_field
+    own = light_field.particles_per_microlens
+    found: dict[str, Any] = {"tracks": [], "windows": [], "beyond": []}
+    for density in (own,) if reduced else DENSITIES:
+        found["tracks"].append(tracks(light_field, jet, density))
+        print(found["tracks"][-1], flush=True)
+    for density in (own,) if reduced else (1.0, 2.0):
+        finer = ((light_field.windows, 0.5),) if reduced else FINER
+        for line in finer_windows(light_field, jet, density, finer):
+            found["windows"].append(line)
+            print(line, flush=True)
+    for density, z_mm in ((own, light_field.volume_mm[2]),) if reduced else BEYOND:
+        found["beyond"].append(beyond(light_field, jet, density, z_mm))
+        print(found["beyond"][-1], flush=True)
+    write_numbers(out, "needed", found)
+
+
+if __name__ == "__main__":
+    command_line(main, __doc__)

@@ -1,0 +1,67 @@
+"""What tracks and finer windows tell of a window's mean, against flows of which they must tell all."""
+
+import json
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+sys.path.append(str(Path(__file__).parents[2] / "paper"))
+
+import needed
+from comparison_settings import DT_S, REDUCED, TINY
+
+from plenopiv.simulation.flows import flow
+
+SETTING = TINY.light_field
+
+
+def test_windows_lie_where_they_are_judged():
+    at, half = needed.centres(REDUCED.light_field), needed.half_window(REDUCED.light_field)
+    low, high = at.min(0) - half, at.max(0) + half
+    np.testing.assert_allclose(half, [0.549, 0.549, 0.615], atol=1e-3)
+    for axis, limits in enumerate((*REDUCED.light_field.judged_mm, (-10.0, 10.0))):
+        assert limits[0] <= low[axis] + 1e-9 < limits[0] + half[axis]
+        assert limits[1] - half[axis] < high[axis] - 1e-9 <= limits[1]
+
+
+def test_tracks_of_a_shear_tell_all_but_the_mean_of_those_in_the_window():
+    sheared = flow("shear", rate_per_s=20.0)
+    told = needed.tracks(SETTING, sheared, 1.0)
+    assert max(told["linear_fit"]) < 1e-3
+    assert max(told["smooth_field"]) < 1e-3
+    assert told["mean"][0] > 0.02
+
+
+def test_more_tracks_tell_more_of_the_jet():
+    few, many = (needed.tracks(SETTING, flow("jet", at_mm=TINY.jet_at_mm), density) for density in (0.5, 4.0))
+    assert many["particles_per_window"] == pytest.approx(8 * few["particles_per_window"], rel=0.3)
+    for name in ("mean", "linear_fit", "smooth_field"):
+        assert np.all(np.array(many[name]) < few[name])
+
+
+def test_the_mean_of_a_linear_field_is_its_value_in_the_middle():
+    rng = np.random.default_rng(0)
+    x, y, z = np.linspace(-1, 1, 9), np.linspace(-1, 1, 8), np.linspace(-2, 2, 7)
+    slopes = rng.normal(size=(3, 3))
+    zz, yy, xx = np.meshgrid(z, y, x, indexing="ij")
+    velocity = np.einsum("ca,a...->c...", slopes, np.stack([xx, yy, zz]))
+    dims = ("z", "y", "x")
+    field = xr.Dataset({c: (dims, v) for c, v in zip("uvw", velocity, strict=True)}, {"x": x, "y": y, "z": z})
+    at, half = rng.uniform(-0.4, 0.4, (20, 3)), np.array([0.5, 0.5, 0.6])
+    found = needed.averaged(SimpleNamespace(field=field), at, half)
+    np.testing.assert_allclose(found, at @ slopes.T * 1e3 * DT_S, atol=1e-9)
+
+
+def test_all_three_are_written(tmp_path):
+    needed.main(tmp_path, reduced=True)
+    found = json.loads((tmp_path / "paper/results/needed.json").read_text())
+    assert [len(found[name]) for name in ("tracks", "windows", "beyond")] == [1, 2, 1]
+    exact, light_field = found["windows"]
+    assert (exact["volumes"], light_field["volumes"]) == ("exact", "light_field")
+    for line in found["windows"]:
+        assert 0 < line["within"]["rms_voxel"][0] < 2
+    assert found["beyond"][0]["z_mm"] == list(SETTING.volume_mm[2])
