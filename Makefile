@@ -53,6 +53,7 @@ paper: $(VENV)/.ready  ## draw the source paper's figures anew, and write docs/p
 	$(BIN)/python paper/time_and_density.py
 	$(BIN)/python paper/normalisation.py
 	$(BIN)/python paper/comparison.py reduced
+	$(BIN)/python paper/needed.py
 	$(BIN)/python paper/page.py
 
 paper-full: paper  ## and the comparison of section 4 in all of the paper's volume: hours, 16 GB

@@ -52,14 +52,11 @@ FINER: tuple[tuple[tuple[Window, ...], float], ...] = (
     ((COARSE, (64, 64, 16)), 0.75),
     ((COARSE, (64, 64, 16), (48, 48, 12)), 0.5),
     ((COARSE, (64, 64, 16), (48, 48, 12)), 0.75),
-    ((COARSE, (64, 64, 16), (32, 32, 8)), 0.75),
 )
 BEYOND = (  # particles per microlens, z limits in mm
     (1.0, (-10.0, 10.0)),
     (0.5, (-10.0, 10.0)),
-    (0.25, (-10.0, 10.0)),
     (1.0, (4.0, 10.0)),
-    (0.5, (4.0, 10.0)),
 )
 
 
@@ -118,9 +115,8 @@ def averaged(measured: Measured, at: Array, half: Array) -> Array:
     return between((at[:, None] + inside(half))[..., ::-1].reshape(-1, 3)).reshape(len(at), -1, 3).mean(1)
 
 
-def finer_windows(setting: LightFieldSetting, jet: Velocity, density: float, finer=FINER) -> Iterator[dict[str, Any]]:
+def finer_windows(setting: LightFieldSetting, jet: Velocity, finer=FINER) -> Iterator[dict[str, Any]]:
     """Of exact volumes and of LF-PIV, errors by windows and overlap."""
-    setting = replace(setting, particles_per_microlens=density)
     half, at = half_window(setting), centres(setting)
     particles = seeded(setting, jet, 0)
     mean, unresolved = window_mean(jet, at, half)
@@ -138,7 +134,7 @@ def finer_windows(setting: LightFieldSetting, jet: Velocity, density: float, fin
             bands = by_depth(error, np.ones_like(error), nothing, depth, unresolved < np.inf, np.array(VOXEL_MM))
             yield {
                 "volumes": name,
-                "particles_per_microlens": density,
+                "particles_per_microlens": setting.particles_per_microlens,
                 "window": windows[-1],
                 "overlap": overlap,
                 "correlation_s": round(perf_counter() - began, 1),
@@ -164,11 +160,10 @@ def main(out: Path, reduced: bool) -> None:
     for density in (own,) if reduced else DENSITIES:
         found["tracks"].append(tracks(light_field, jet, density))
         print(found["tracks"][-1], flush=True)
-    for density in (own,) if reduced else (1.0, 2.0):
-        finer = ((light_field.windows, 0.5),) if reduced else FINER
-        for line in finer_windows(light_field, jet, density, finer):
-            found["windows"].append(line)
-            print(line, flush=True)
+    finer = ((light_field.windows, 0.5),) if reduced else FINER
+    for line in finer_windows(light_field, jet, finer):
+        found["windows"].append(line)
+        print(line, flush=True)
     for density, z_mm in ((own, light_field.volume_mm[2]),) if reduced else BEYOND:
         found["beyond"].append(beyond(light_field, jet, density, z_mm))
         print(found["beyond"][-1], flush=True)

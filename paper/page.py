@@ -120,6 +120,45 @@ def time_and_density() -> str:
     return table(head, rows)
 
 
+def needed_tracks() -> str:
+    """What perfect tracks tell of a window's mean, by density."""
+    rows = []
+    for line in results("needed")["tracks"]:
+        errors = (" / ".join(f"{v:.3f}" for v in line[key]) for key in ("mean", "linear_fit", "smooth_field"))
+        rows.append((f"{line['particles_per_microlens']:g}", f"{line['particles_per_window']:.0f}", *errors))
+    return table(("ppm", "tracks in a window", "their mean", "their linear fit", "smoothest field"), rows)
+
+
+VOLUMES = {"exact": "exact volumes", "light_field": "LF-PIV"}
+
+
+def needed_windows() -> str:
+    """What windows find, averaged over the paper's window."""
+    found: dict[tuple[Any, ...], dict[tuple[str, float], str]] = {}
+    for line in results("needed")["windows"]:
+        errors = " / ".join(f"{v:.3f}" for v in line["within"]["rms_voxel"])
+        column = line["volumes"], line["particles_per_microlens"]
+        found.setdefault((*line["window"], line["overlap"]), {})[column] = errors
+    columns = sorted({column for errors in found.values() for column in errors}, key=lambda c: (c[1], c[0]))
+    head = ("last window, overlap", *(f"{VOLUMES[name]}, {density:g} ppm" for name, density in columns))
+    rows = []
+    for (*window, overlap), errors in found.items():
+        size = " x ".join(map(str, window))
+        rows.append((f"{size}, {100 * overlap:.0f} %", *(errors.get(column, "") for column in columns)))
+    return table(head, rows)
+
+
+def needed_beyond() -> str:
+    """LF-PIV far from focus, by density and lit depth."""
+    rows = []
+    for line in results("needed")["beyond"]:
+        low, high = line["z_mm"]
+        bands = (line["bands"].get(band) for band in ("4-6 mm", "6-8 mm", "8-10 mm"))
+        errors = ("" if band is None else " / ".join(f"{v:.3f}" for v in band["rms_voxel"]) for band in bands)
+        rows.append((f"{line['particles_per_microlens']:g}", f"{low:g} to {high:g}", *errors))
+    return table(("ppm", "lit, z in mm", "4 to 6 mm", "6 to 8 mm", "8 to 10 mm"), rows)
+
+
 def fill(text: str, name: str, content: str) -> str:
     """The text with ``content`` between the marks of ``name``."""
     begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
@@ -133,6 +172,9 @@ TABLES = {
     "single particles": single_particles,
     "time and density": time_and_density,
     "normalisation": normalisation,
+    "needed tracks": needed_tracks,
+    "needed windows": needed_windows,
+    "needed beyond": needed_beyond,
 }
 
 
