@@ -39,11 +39,16 @@ def point_displacement(flow: Velocity, at_mm: Array, steps: int = 1) -> Array:
     return advect(flow, at_mm, 0.5 * DT_S, steps) - advect(flow, at_mm, -0.5 * DT_S, steps)
 
 
+def inside_window(half_mm: Array, along: int = SAMPLES) -> Array:
+    """Places (n, 3) in mm from a window's middle, evenly over it, ``along`` each axis."""
+    steps = (2 * np.arange(along) + 1) / along - 1
+    return np.stack(np.meshgrid(steps, steps, steps), -1).reshape(-1, 3) * half_mm
+
+
 def window_mean(flow: Velocity, at_mm: Array, half_mm: Array) -> tuple[Array, Array]:
     """Its mean over windows of half sides ``half_mm`` about ``at_mm`` (n, 3), from SAMPLES^3 points, and how far in mm
     (n,), RMS, displacements in the window lie from their linear fit: motion that it does not resolve."""
-    inside = (2 * np.arange(SAMPLES) + 1) / SAMPLES - 1
-    offsets = np.stack(np.meshgrid(inside, inside, inside), -1).reshape(-1, 3) * half_mm
+    offsets = inside_window(half_mm)
     mean, unresolved = np.empty_like(at_mm), np.empty(len(at_mm))
     for first in range(0, len(at_mm), AT_A_TIME):
         now = slice(first, first + AT_A_TIME)
@@ -148,16 +153,22 @@ def by_depth(
     return bands
 
 
+def without_gross(error_mm: Array, voxel_mm: Array) -> tuple[float, Array]:
+    """The share of vectors more than GROSS_VOXELS off on an axis, and the errors (n, 3) of the others in voxels; one
+    NaN where none is left."""
+    in_voxels = error_mm / voxel_mm
+    fine = (np.abs(in_voxels) <= GROSS_VOXELS).all(1)
+    return float(1 - fine.mean()), in_voxels[fine] if fine.any() else np.full((1, 3), np.nan)
+
+
 def errors(error_mm: Array, std_mm: Array, replaced: NDArray, voxel_mm: Array) -> dict[str, Any]:
     """One set of vectors. Gross ones, more than GROSS_VOXELS off on an axis, are left out in voxels as in
     docs/accuracy.md, but not in mm/s and per cent: their limit is not the same length for all cameras."""
-    in_voxels, in_mm_s = error_mm / voxel_mm, error_mm / DT_S
-    fine = (np.abs(in_voxels) <= GROSS_VOXELS).all(1)
+    in_mm_s, (gross, left) = error_mm / DT_S, without_gross(error_mm, voxel_mm)
     rms = np.sqrt((in_mm_s**2).mean(0))
-    left = in_voxels[fine] if fine.any() else np.full((1, 3), np.nan)
     return {
         "vectors": len(error_mm),
-        "gross": float(1 - fine.mean()),
+        "gross": gross,
         "replaced": float(replaced.mean()),
         "rms_voxel": np.sqrt((left**2).mean(0)).tolist(),
         "bias_voxel": left.mean(0).tolist(),

@@ -13,14 +13,14 @@ comparison, by three questions:
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-from comparison_scores import by_depth, score, window_mean
+from comparison_scores import inside_window, score, window_mean, without_gross
 from comparison_settings import DT_S, REDUCED, TARGET_DEPTH_MM, TINY, VOXEL_MM, LightFieldSetting, Window
 from lightfield_case import (
     Clock,
@@ -74,15 +74,15 @@ def centres(setting: LightFieldSetting) -> Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
 
 
-def inside(half_mm: Array) -> Array:
-    """Places (n, 3) in mm, evenly over a window, from its middle."""
-    steps = (2 * np.arange(SAMPLES) + 1) / SAMPLES - 1
-    return np.stack(np.meshgrid(steps, steps, steps), -1).reshape(-1, 3) * half_mm
-
-
-def rms_voxel(error_mm: Array) -> list[float]:
+def rms(error: Array) -> list[float]:
     """Along x, y, z."""
-    return (np.sqrt((error_mm**2).mean(0)) / VOXEL_MM).tolist()
+    return np.sqrt((error**2).mean(0)).tolist()
+
+
+def mean_over_windows(field: Callable[[Array], Array], at: Array, half: Array) -> Array:
+    """Means (n, 3) of ``field``, of places (m, 3) in mm, over windows about ``at``."""
+    places = (at[:, None] + inside_window(half, SAMPLES)).reshape(-1, 3)
+    return field(places).reshape(len(at), -1, 3).mean(1)
 
 
 def tracks(setting: LightFieldSetting, jet: Velocity, density: float) -> dict[str, Any]:
@@ -96,13 +96,13 @@ def tracks(setting: LightFieldSetting, jet: Velocity, density: float) -> dict[st
     known, tree = np.isfinite(fit.window).all(1), cKDTree(middle / half)
     own = [tree.query_ball_point(place, 1.0, p=np.inf) for place in at / half]
     smooth = RBFInterpolator(middle, moved, neighbors=min(NEAREST, len(moved)))
-    field = smooth((at[:, None] + inside(half)).reshape(-1, 3)).reshape(len(at), -1, 3).mean(1)
+    field = mean_over_windows(smooth, at, half)
     return {
         "particles_per_microlens": density,
         "particles_per_window": float(fit.particles.mean()),
-        "mean": rms_voxel(np.array([moved[n].mean(0) for n in own])[known] - mean[known]),
-        "linear_fit": rms_voxel(fit.window[known] - mean[known]),
-        "smooth_field": rms_voxel(field - mean),
+        "mean": rms((np.array([moved[n].mean(0) for n in own]) - mean)[known] / VOXEL_MM),
+        "linear_fit": rms((fit.window - mean)[known] / VOXEL_MM),
+        "smooth_field": rms((field - mean) / VOXEL_MM),
     }
 
 
@@ -112,15 +112,14 @@ def averaged(measured: Measured, at: Array, half: Array) -> Array:
     axes = [measured.field[name].values for name in "zyx"]
     moved = np.stack([measured.field[name].values for name in "uvw"], -1) * 1e3 * DT_S
     between = RegularGridInterpolator(axes, moved, bounds_error=False, fill_value=None)
-    return between((at[:, None] + inside(half))[..., ::-1].reshape(-1, 3)).reshape(len(at), -1, 3).mean(1)
+    return mean_over_windows(lambda places: between(places[:, ::-1]), at, half)
 
 
 def finer_windows(setting: LightFieldSetting, jet: Velocity, finer=FINER) -> Iterator[dict[str, Any]]:
     """Of exact volumes and of LF-PIV, errors by windows and overlap."""
     half, at = half_window(setting), centres(setting)
     particles = seeded(setting, jet, 0)
-    mean, unresolved = window_mean(jet, at, half)
-    nothing = np.zeros(len(at))
+    mean, _ = window_mean(jet, at, half)
     volumes: dict[str, list[SparseVolume]] = {
         "exact": exact_pair(setting, particles, Clock()),
         "light_field": reconstructed_pair(setting, particles, 0, Clock())[0],
@@ -131,14 +130,15 @@ def finer_windows(setting: LightFieldSetting, jet: Velocity, finer=FINER) -> Ite
             measured = correlated(now, seen_by(camera_of(now)), particles, pair, 1.0, Clock())
             error = averaged(measured, at, half) - mean
             depth = np.abs(at[:, 2]) + half[2]  # so that a window lies within a band as a whole
-            bands = by_depth(error, np.ones_like(error), nothing, depth, unresolved < np.inf, np.array(VOXEL_MM))
+            bands = {"within": depth < TARGET_DEPTH_MM, "all": depth < np.inf}
+            told = {band: without_gross(error[here], np.array(VOXEL_MM)) for band, here in bands.items()}
             yield {
                 "volumes": name,
                 "particles_per_microlens": setting.particles_per_microlens,
                 "window": windows[-1],
                 "overlap": overlap,
                 "correlation_s": round(perf_counter() - began, 1),
-                **{band: {key: bands[band][key] for key in ("rms_voxel", "gross")} for band in ("within", "all")},
+                **{band: {"rms_voxel": rms(left), "gross": gross} for band, (gross, left) in told.items()},
             }
 
 

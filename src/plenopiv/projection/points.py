@@ -16,7 +16,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from plenopiv.projection.simd import INDEX, LANE, LANES, VECTOR, load_vector, vector_at
+from plenopiv.projection.simd import INDEX, LANE, LANES, data_of, in_all_lanes, load_vector, vector_at
 
 PAIR = ir.VectorType(ir.FloatType(), 2)
 CONTRACT = ("contract",)
@@ -37,12 +37,6 @@ def _joined(builder, parts):
     return parts[0]
 
 
-def _every(builder, number):
-    """A number in all lanes."""
-    first = builder.insert_element(ir.Constant(VECTOR, ir.Undefined), number, ir.Constant(LANE, 0))
-    return builder.shuffle_vector(first, first, _order([0] * LANES))
-
-
 def _pair_at(builder, values, point):
     return builder.bitcast(builder.gep(values, [point]), PAIR.as_pointer())
 
@@ -58,19 +52,12 @@ def _mixed(builder, a, b, share):
     return builder.fadd(a, builder.fmul(share, builder.fsub(b, a), flags=CONTRACT), flags=CONTRACT)
 
 
-def _data(context, builder, kind, array):
-    return context.make_array(kind)(context, builder, array).data
-
-
 def _points(builder, at, offset):
     """The point above and to the left of each of LANES places."""
     return [
         builder.zext(builder.load(builder.gep(at, [builder.add(offset, ir.Constant(INDEX, lane))])), INDEX)
         for lane in range(LANES)
     ]
-
-
-ARRAYS = ("values", "at", "across", "along", "share", "image")
 
 
 @intrinsic
@@ -83,7 +70,7 @@ def read_places(typing, values, width, at, across, along, share, offset, factor,
     def generate(context, builder, signature, arguments):
         kinds = signature.args
         values, at, across, along, share, image = (
-            _data(context, builder, kinds[n], arguments[n]) for n in (0, 2, 3, 4, 5, 8)
+            data_of(context, builder, kinds[n], arguments[n]) for n in (0, 2, 3, 4, 5, 8)
         )
         width, offset, factor, begin = (arguments[n] for n in (1, 6, 7, 9))
         points = _points(builder, at, offset)
@@ -96,7 +83,7 @@ def read_places(typing, values, width, at, across, along, share, offset, factor,
             mixed.append(_mixed(builder, a, b, twice))
         left, right = (builder.shuffle_vector(*mixed, _order(range(side, 2 * LANES, 2))) for side in (0, 1))
         light = _mixed(builder, left, right, load_vector(builder, across, offset))
-        shares = builder.fmul(_every(builder, factor), load_vector(builder, share, offset))
+        shares = builder.fmul(in_all_lanes(builder, factor), load_vector(builder, share, offset))
         total = builder.fadd(
             load_vector(builder, image, begin), builder.fmul(shares, light, flags=CONTRACT), flags=CONTRACT
         )
@@ -116,7 +103,7 @@ def write_places(typing, image, begin, at, across, along, share, offset, values,
     def generate(context, builder, signature, arguments):
         kinds = signature.args
         image, at, across, along, share, values = (
-            _data(context, builder, kinds[n], arguments[n]) for n in (0, 2, 3, 4, 5, 7)
+            data_of(context, builder, kinds[n], arguments[n]) for n in (0, 2, 3, 4, 5, 7)
         )
         begin, offset, width = (arguments[n] for n in (1, 6, 8))
         whole = builder.fmul(load_vector(builder, share, offset), load_vector(builder, image, begin))

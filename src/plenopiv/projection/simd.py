@@ -38,6 +38,19 @@ def load_vector(builder, start, offset):
     return vector
 
 
+def in_all_lanes(builder, number):
+    """A vector of LANES times the same number."""
+    vector = ir.Constant(VECTOR, ir.Undefined)
+    for lane in range(LANES):
+        vector = builder.insert_element(vector, number, ir.Constant(LANE, lane))
+    return vector
+
+
+def data_of(context, builder, kind, array):
+    """Where the numbers of an array begin."""
+    return context.make_array(kind)(context, builder, array).data
+
+
 def _for_each_row(builder, columns, rows, shares, values, nx, work):
     """``work(vectors, share, value)`` for each row, with pointers to its first share and value and the number of
     vectors in a row; where these are more than WIDEST, for one vector after the other."""
@@ -62,8 +75,8 @@ def row_products(typing, shares, at, columns, values, begin, nx, rows):
 
     def generate(context, builder, signature, arguments):
         one, at, columns, two, begin, nx, rows = arguments
-        one = builder.gep(context.make_array(signature.args[0])(context, builder, one).data, [at])
-        two = builder.gep(context.make_array(signature.args[3])(context, builder, two).data, [begin])
+        one = builder.gep(data_of(context, builder, signature.args[0], one), [at])
+        two = builder.gep(data_of(context, builder, signature.args[3], two), [begin])
         sums = [cgutils.alloca_once_value(builder, ZERO) for _ in range(WIDEST)]
         for total in sums:  # the stack's slot is filled once, on entry
             builder.store(ZERO, total)
@@ -96,11 +109,9 @@ def add_products(typing, shares, at, columns, factor, values, begin, nx, rows):
 
     def generate(context, builder, signature, arguments):
         one, at, columns, factor, two, begin, nx, rows = arguments
-        one = builder.gep(context.make_array(signature.args[0])(context, builder, one).data, [at])
-        two = builder.gep(context.make_array(signature.args[4])(context, builder, two).data, [begin])
-        factors = ir.Constant(VECTOR, ir.Undefined)
-        for lane in range(LANES):
-            factors = builder.insert_element(factors, factor, ir.Constant(LANE, lane))
+        one = builder.gep(data_of(context, builder, signature.args[0], one), [at])
+        two = builder.gep(data_of(context, builder, signature.args[4], two), [begin])
+        factors = in_all_lanes(builder, factor)
 
         def add(vectors, share, value):
             for n in range(vectors):

@@ -96,6 +96,20 @@ def only_within(first, last, count, at, lit):
 
 
 @inlined
+def place(geo, plane, size, border, views, n, begin, count, top, low, high, inside, at, across, along, lit):
+    """``places`` of pixels of view n and their lit shares, which are 0 off the rows low <= y < high; of those that are
+    wholly lit and ``inside`` for certain, ``lit`` stays as it is. Inlined, as a call would pass a hundred arguments."""
+    if views.rim[n]:
+        places_at_rim(geo, plane, size, border, views, begin, count, top, at, across, along, lit)
+    else:
+        places(geo, plane, size, border, views, begin, count, top, at, across, along)
+        if not inside:
+            lit[:] = F(1)
+    if not inside:
+        only_within((low - top) * size[1], (high - top) * size[1], count, at, lit)
+
+
+@inlined
 def runs_of(rim, bounds):
     """Runs of pixels (begin, end, whether they need no test): all but those near the strip's ends, and none where the
     rim cuts pixels."""
@@ -114,14 +128,7 @@ def read(geo, plane, size, border, views, n, top, low, high, strip, light):
         lit[:] = F(1)
         for begin in range(first, last, BLOCK):
             count = min(BLOCK, last - begin)
-            if views.rim[n]:
-                places_at_rim(geo, plane, size, border, views, begin, count, top, at, across, along, lit)
-            else:
-                places(geo, plane, size, border, views, begin, count, top, at, across, along)
-            if not inside:
-                if not views.rim[n]:
-                    lit[:] = F(1)
-                only_within((low - top) * size[1], (high - top) * size[1], count, at, lit)
+            place(geo, plane, size, border, views, n, begin, count, top, low, high, inside, at, across, along, lit)
             whole = count - count % LANES
             for c in range(0, whole, LANES):
                 read_places(strip, width, at, across, along, lit, c, plane.light, light, begin + c)
@@ -143,14 +150,7 @@ def write(geo, plane, size, border, views, n, top, low, high, image, strip):
         lit[:] = F(1)
         for begin in range(first, last, BLOCK):
             count = min(BLOCK, last - begin)
-            if views.rim[n]:
-                places_at_rim(geo, plane, size, border, views, begin, count, top, at, across, along, lit)
-            else:
-                places(geo, plane, size, border, views, begin, count, top, at, across, along)
-            if not inside:
-                if not views.rim[n]:
-                    lit[:] = F(1)
-                only_within((low - top) * size[1], (high - top) * size[1], count, at, lit)
+            place(geo, plane, size, border, views, n, begin, count, top, low, high, inside, at, across, along, lit)
             whole = count - count % LANES
             for c in range(0, whole, LANES):
                 write_places(image, begin + c, at, across, along, lit, c, strip, width)
