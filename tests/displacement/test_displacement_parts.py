@@ -336,24 +336,42 @@ def naive_sample(values, x, y, z):
     """Cubic B-spline blend of all voxels within reach, zero outside."""
     beta = lambda t: 2 / 3 - t**2 + abs(t) ** 3 / 2 if abs(t) < 1 else max(2 - abs(t), 0.0) ** 3 / 6  # noqa: E731
     total = 0.0
-    for k, j, i in np.ndindex(*values.shape):
+    for k, j, i in np.argwhere(values):
         if max(abs(x - i), abs(y - j), abs(z - k)) < 2:
             total += values[k, j, i] * beta(x - i) * beta(y - j) * beta(z - k)
     return total
 
 
 @pytest.mark.parametrize("share", [-0.5, 0.5])
-def test_deformed_planes_are_the_naive_blend(share):
+@pytest.mark.parametrize(
+    ("shape", "lit", "far"), [((9, 8, 10), 1.0, 4.0), ((7, 6, 85), 0.02, 4.0), ((7, 6, 85), 0.02, 0.4)]
+)
+def test_deformed_planes_are_the_naive_blend(share, shape, lit, far):
     rng = np.random.default_rng(2)
-    shape = (9, 8, 10)
-    volume = DenseVolume(VoxelGrid((0.0,) * 3, (1.0,) * 3, shape), rng.random(shape).astype(np.float32))
-    centres = tuple(2.0 + 3.0 * np.arange(n) for n in (3, 2, 3))
-    spline = fit_spline(4 * rng.standard_normal((3, 3, 2, 3)), centres, shape)
+    values = np.where(rng.random(shape) < lit, rng.random(shape), 0).astype(np.float32)
+    values[-1, -1, -1] = values[0, 0, 0] = values[-1, 0, -1] = 1  # the source's ends
+    centres = tuple(2.0 + 3.0 * np.arange(n) for n in (3, 2, shape[2] // 3))
+    spline = fit_spline(far * rng.standard_normal((3, *map(len, centres))), centres, shape)
     d = share * spline.at(*(np.arange(n) for n in shape))
-    got = DeformedPlanes(volume, spline, share).slab(2, 6)
-    for k, j, i in np.ndindex(*got.shape):
-        dx, dy, dz = d[:, k + 2, j, i]
-        assert got[k, j, i] == pytest.approx(naive_sample(volume.values, i + dx, j + dy, k + 2 + dz), abs=2e-5)
+    volume = DenseVolume(VoxelGrid((0.0,) * 3, (1.0,) * 3, shape), values)
+    for lo, hi in (2, 6), (0, 1), (shape[0] - 1, shape[0]):
+        got = DeformedPlanes(volume, spline, share).slab(lo, hi)
+        for k, j, i in np.ndindex(*got.shape):
+            dx, dy, dz = d[:, k + lo, j, i]
+            assert got[k, j, i] == pytest.approx(naive_sample(values, i + dx, j + dy, k + lo + dz), abs=2e-5)
+
+
+def test_deformation_skips_only_what_is_empty():
+    """A single voxel anywhere about the borders of blocks of samples: its light arrives whole."""
+    shape, centres = (6, 6, 67), (np.array([1.0, 4.0]),) * 2 + (np.array([10.0, 50.0]),)
+    for moved in (0.0, 0.3, 7.6, -15.7):
+        spline = fit_spline(np.full((3, 2, 2, 2), moved) * np.array([1, 0, 0])[:, None, None, None], centres, shape)
+        for x in range(20, 50):
+            values = np.zeros(shape, np.float32)
+            values[3, 2, x] = 1
+            got = DeformedPlanes(DenseVolume(VoxelGrid((0.0,) * 3, (1.0,) * 3, shape), values), spline, 0.5).slab(0, 6)
+            assert got.sum() == pytest.approx(1, abs=1e-6)
+            assert (got.sum((0, 1)) @ np.arange(67)) == pytest.approx(x - 0.5 * moved, abs=1e-4)
 
 
 # --- validation

@@ -21,21 +21,25 @@ VECTOR = ir.VectorType(FLOAT, LANES)
 FUSED = ("contract",)
 
 
-def _pointer(context, builder, kind, array, at):
+def pointer(context, builder, kind, array, at):
+    """Where an array's numbers from ``at`` on begin."""
     return builder.gep(context.make_array(kind)(context, builder, array).data, [at])
 
 
-def _load(builder, start, offset):
+def load(builder, start, offset):
+    """The LANES numbers from ``offset`` on."""
     vector = builder.load(builder.bitcast(builder.gep(start, [offset]), VECTOR.as_pointer()))
     vector.align = 4
     return vector
 
 
-def _store(builder, vector, start, offset):
+def store(builder, vector, start, offset):
+    """Write LANES numbers from ``offset`` on."""
     builder.store(vector, builder.bitcast(builder.gep(start, [offset]), VECTOR.as_pointer())).align = 4
 
 
-def _all_lanes(builder, value):
+def all_lanes(builder, value):
+    """A vector of LANES times the same number."""
     first = builder.insert_element(ir.Constant(VECTOR, ir.Undefined), value, ir.Constant(LANE, 0))
     return builder.shuffle_vector(first, first, ir.Constant(ir.VectorType(LANE, LANES), [0] * LANES))
 
@@ -107,20 +111,20 @@ def butterfly(radix: int):
 
         def generate(context, builder, signature, arguments):
             source, at, step, apart, target, to, to_step, to_apart, twiddles, first = arguments
-            start = _pointer(context, builder, signature.args[0], source, at)
-            end = _pointer(context, builder, signature.args[4], target, to)
-            factor = _pointer(context, builder, signature.args[8], twiddles, first)
+            start = pointer(context, builder, signature.args[0], source, at)
+            end = pointer(context, builder, signature.args[4], target, to)
+            factor = pointer(context, builder, signature.args[8], twiddles, first)
             arithmetic, points = _Arithmetic(builder), []
             for j in range(radix):
                 offset = builder.mul(step, ir.Constant(INDEX, j))
-                points.append(tuple(_load(builder, start, o) for o in (offset, builder.add(offset, apart))))
+                points.append(tuple(load(builder, start, o) for o in (offset, builder.add(offset, apart))))
             for k, value in enumerate(arithmetic.transform(points)):
                 if k:
                     places = (builder.gep(factor, [ir.Constant(INDEX, 2 * (k - 1) + part)]) for part in (0, 1))
-                    value = arithmetic.product(value, [_all_lanes(builder, builder.load(p)) for p in places])
+                    value = arithmetic.product(value, [all_lanes(builder, builder.load(p)) for p in places])
                 offset = builder.mul(to_step, ir.Constant(INDEX, k))
                 for part, o in zip(value, (offset, builder.add(offset, to_apart)), strict=True):
-                    _store(builder, part, end, o)
+                    store(builder, part, end, o)
             return context.get_dummy_value()
 
         return signature, generate
@@ -137,9 +141,9 @@ def transpose(typing, source, at, step, target, to, to_step):
 
     def generate(context, builder, signature, arguments):
         source, at, step, target, to, to_step = arguments
-        start = _pointer(context, builder, signature.args[0], source, at)
-        end = _pointer(context, builder, signature.args[3], target, to)
-        rows = [_load(builder, start, builder.mul(step, ir.Constant(INDEX, k))) for k in range(LANES)]
+        start = pointer(context, builder, signature.args[0], source, at)
+        end = pointer(context, builder, signature.args[3], target, to)
+        rows = [load(builder, start, builder.mul(step, ir.Constant(INDEX, k))) for k in range(LANES)]
         lanes = range(LANES)
         for bit in (8, 4, 2, 1):  # blocks above and below the diagonal change places, then blocks of these
             upper = [LANES + c - bit if c & bit else c for c in lanes]
@@ -150,7 +154,7 @@ def transpose(typing, source, at, step, target, to, to_step):
                     pair = rows[k], rows[k + bit]
                     rows[k], rows[k + bit] = (builder.shuffle_vector(*pair, mask) for mask in masks)
         for k, row in enumerate(rows):
-            _store(builder, row, end, builder.mul(to_step, ir.Constant(INDEX, k)))
+            store(builder, row, end, builder.mul(to_step, ir.Constant(INDEX, k)))
         return context.get_dummy_value()
 
     return signature, generate

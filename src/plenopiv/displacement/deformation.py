@@ -12,12 +12,16 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.displacement.butterflies import LANES
 from plenopiv.displacement.predictor import SplineField
-from plenopiv.kernels import inlined, kernel, part
+from plenopiv.displacement.splines import sample_sixteen
+from plenopiv.kernels import borrowed, inlined, kernel, part
 from plenopiv.threads import in_threads
 from plenopiv.volume import Volume
 
-CHUNK = 256  # voxels of a row sampled at once
+CHUNK = 256  # voxels of a row whose displacements are found at once
+BLOCK = LANES  # of them, sampled at once, or left out where no particle is
+STRIDE = np.int64(CHUNK + BLOCK)  # from one component of them to the next; a block may begin in any voxel
 SPLINE_VARIANCE = 1.0 / 3.0  # voxel^2, of the cubic B-spline
 
 
@@ -47,7 +51,9 @@ class DeformedPlanes:
         source_lo, source_hi = max(lo - reach, -2), min(hi + reach, nz + 2)
         source = self.volume.slab(source_lo, source_hi)
         out = np.empty((hi - lo, *source.shape[1:]), np.float32)
-        about = source, source_lo, lo, along_x, *self._y, np.float32(self.share), out
+        marks = np.empty((*source.shape[:2], -(-source.shape[2] // BLOCK)), np.uint8)
+        in_threads(_mark, source.shape[0] * source.shape[1], source, marks)
+        about = source, marks, source_lo, lo, along_x, *self._y, np.float32(self.share), out
         in_threads(_sample, out.shape[0] * out.shape[1], *about)
         return out
 
@@ -84,106 +90,132 @@ def _weights(t):
     return w0, w1, w2, w3
 
 
+@kernel
+def _mark(begin, end, source, marks):
+    """Of rows begin to end of the source, whether a line holds anything: ``marks`` (planes, ny, blocks), one for all
+    that a block of samples may reach whose first neighbour is among BLOCK voxels."""
+    _, ny, nx = source.shape
+    for row in range(begin, end):
+        line, own = source[row // ny, row % ny], marks[row // ny, row % ny]
+        for m in range(own.size):
+            own[m] = _held(line[m * BLOCK :], min(2 * BLOCK + 2, nx - m * BLOCK))
+
+
 @part
-def _split(d, count, whole, weights):
-    """Displacements ``d`` (count,) as whole voxels and the spline's weights (4 * CHUNK)."""
+def _held(line, count):
+    """Whether any of ``count`` voxels is not zero."""
+    found = np.int32(0)
     for i in range(count):
-        # whole and fractional parts apart: a float32 of the position itself would lose digits in large volumes
-        f = np.floor(d[i])
-        whole[i] = np.int32(f)
-        w0, w1, w2, w3 = _weights(d[i] - f)
-        weights[i], weights[CHUNK + i], weights[2 * CHUNK + i], weights[3 * CHUNK + i] = w0, w1, w2, w3
+        found |= np.int32(line[i] != np.float32(0))
+    return found
 
 
 @part
-def _add_line(line, count, of_x, of_y, out):
-    """Add to ``out`` the weighted four neighbours in a line of the source, for voxels of a chunk that moved alike."""
-    for i in range(count):
-        near = of_x[i] * line[i] + of_x[CHUNK + i] * line[i + 1]
-        far = of_x[2 * CHUNK + i] * line[i + 2] + of_x[3 * CHUNK + i] * line[i + 3]
-        out[i] += of_y[i] * (near + far)
+def _any_marked(marks, x0, y0, z0):
+    """Whether a block of samples may reach a particle."""
+    found, m = False, x0 // BLOCK
+    for a in range(4):
+        for b in range(4):
+            found |= marks[z0 + a, y0 + b, m] != 0
+    return found
 
 
 @part
-def _add_plane(lines, count, of_z, out):
-    """Add a plane's sum to ``out``, and clear it."""
-    for i in range(count):
-        out[i] += of_z[i] * lines[i]
-        lines[i] = np.float32(0)
-
-
-@part
-def _add_at_face(source, x0, y0, z0, i, weights, out):
-    """Voxel i of a chunk, some of whose 64 neighbours lie outside the source."""
+def _at_face(source, marks, x0, y0, z0, d, i):
+    """Voxel i of a chunk, some of whose 64 neighbours, from x0, y0, z0 on, lie outside the source."""
     depth, ny, nx = source.shape
     total = np.float32(0.0)
-    for a, b, e in np.ndindex(4, 4, 4):
-        z, y, x = z0 + a, y0 + b, x0 + e
-        if 0 <= z < depth and 0 <= y < ny and 0 <= x < nx:
-            w = weights[2, a * CHUNK + i] * weights[1, b * CHUNK + i] * weights[0, e * CHUNK + i]
-            total += w * source[z, y, x]
-    out[i] = total
+    of_x = _weights(d[0, i] - np.floor(d[0, i]))
+    of_y = _weights(d[1, i] - np.floor(d[1, i]))
+    of_z = _weights(d[2, i] - np.floor(d[2, i]))
+    m = max(x0, 0) // BLOCK
+    for a in range(max(-z0, 0), min(depth - z0, 4)):
+        for b in range(max(-y0, 0), min(ny - y0, 4)):
+            if marks[z0 + a, y0 + b, m]:
+                for e in range(max(-x0, 0), min(nx - x0, 4)):
+                    total += of_z[a] * of_y[b] * of_x[e] * source[z0 + a, y0 + b, x0 + e]
+    return total
 
 
 @part
-def _sample_chunk(source, x, y, z, d, count, whole, weights, lines, out):
-    """Sample voxels x to x + count of a row at z, y (of the source), moved by ``d`` (3, count), into ``out``.
-
-    Voxels that moved by the same whole number of voxels along each axis, most of a row, are summed as one vector.
-    """
-    depth, ny, nx = source.shape
+def _alike(whole, first, last):
+    """Whether voxels ``first`` to ``last`` moved by the same whole number of voxels along each axis."""
+    differ = np.int32(0)
     for c in range(3):
-        _split(d[c], count, whole[c], weights[c])
-    out[:count] = np.float32(0)
-    first = 0
-    while first < count:
-        dx, dy, dz = whole[0, first], whole[1, first], whole[2, first]
-        last = first + 1
-        while last < count and whole[0, last] == dx and whole[1, last] == dy and whole[2, last] == dz:
-            last += 1
-        x0, y0, z0 = x + np.int64(dx) - 1, y + np.int64(dy) - 1, z + np.int64(dz) - 1
-        begin, end = first, first  # those of them whose neighbours all lie inside
-        if 0 <= y0 < ny - 3 and 0 <= z0 < depth - 3:
-            begin = min(max(first, -x0), last)
-            end = max(min(last, nx - 3 - x0), begin)
-        if begin < end:
-            for a in range(4):
-                for b in range(4):
-                    of_x, of_y = weights[0, begin:], weights[1, b * CHUNK + begin :]
-                    _add_line(source[z0 + a, y0 + b, x0 + begin :], end - begin, of_x, of_y, lines)
-                _add_plane(lines, end - begin, weights[2, a * CHUNK + begin :], out[begin:])
-        if -4 < y0 < ny and -4 < z0 < depth:
-            for i in range(first, last):
-                if not begin <= i < end and -4 < x0 + i < nx:
-                    _add_at_face(source, x0 + i, y0, z0, i, weights, out)
-        first = last
+        of_axis = whole[c, first:]
+        for i in range(last - first):
+            differ |= of_axis[i] ^ of_axis[0]
+    return differ == 0
 
 
 @part
-def _add_share(line, count, share, out):
-    """Add ``share`` of a line to ``out``."""
+def _displacements(line_0, line_1, line_2, line_3, shares, share, count, d):
+    """The sum of four lines times their shares."""
+    s0, s1, s2, s3 = shares[0] * share, shares[1] * share, shares[2] * share, shares[3] * share
     for i in range(count):
-        out[i] += share * line[i]
+        d[i] = (s0 * line_0[i] + s1 * line_1[i]) + (s2 * line_2[i] + s3 * line_3[i])
 
 
 @part
-def _sample_row(source, lines_of_d, shares, y, z, out):
-    """Sample a row at y, z of the source, moved by the sums of lines of displacement (3, 4, nx) times ``shares``."""
-    d, lines = np.empty((3, CHUNK), np.float32), np.zeros(CHUNK, np.float32)
-    whole, weights = np.empty((3, CHUNK), np.int32), np.empty((3, 4 * CHUNK), np.float32)
-    for x in range(0, out.size, CHUNK):
-        count = min(CHUNK, out.size - x)
-        d[:] = np.float32(0)
-        for c in range(3):
-            for t in range(4):
-                _add_share(lines_of_d[c, t, x:], count, shares[t], d[c])
-        _sample_chunk(source, x, y, z, d, count, whole, weights, lines, out[x:])
+def _whole(d, count, whole):
+    """Displacements rounded down (in one function with their sum, neither loop would become vectors)."""
+    for i in range(count):
+        whole[i] = np.int32(np.floor(d[i]))
+
+
+@part
+def _sample_rows(begin, end, source, marks, source_lo, lo, along_x, first_y, weights_y, share, out, room):
+    """See ``_sample``; ``room`` to work in."""
+    source, marks, along_x, weights_y, out = borrowed((source, marks, along_x, weights_y, out))
+    d, whole, sixteen = borrowed(room)
+    depth, ny, nx = source.shape
+    blocks = marks.shape[2]
+    flat, flat_marks, flat_d = source.reshape(-1), marks.reshape(-1), d.reshape(-1)
+    for row in range(begin, end):
+        k, j = row // ny, row % ny
+        z, f, here = k + lo - source_lo, first_y[j], out[k, j]
+        here[:] = np.float32(0)
+        for x in range(0, nx, CHUNK):
+            count = min(CHUNK, nx - x)
+            for c in range(3):
+                four = (
+                    along_x[k, c, f, x:],
+                    along_x[k, c, f + 1, x:],
+                    along_x[k, c, f + 2, x:],
+                    along_x[k, c, f + 3, x:],
+                )
+                _displacements(*four, weights_y[j], share, count, d[c])
+                _whole(d[c], count, whole[c])
+            first = 0
+            while first < count:
+                last = min(first + BLOCK, count)
+                while not _alike(whole, first, last):
+                    last -= 1
+                # from ``inner`` to ``outer`` all 64 neighbours lie in the source
+                x0, y0 = x + np.int64(whole[0, first]) - 1, j + np.int64(whole[1, first]) - 1
+                z0, inner, outer = z + np.int64(whole[2, first]) - 1, first, first
+                if 0 <= y0 < ny - 3 and 0 <= z0 < depth - 3:
+                    inner = min(max(first, -x0), last)
+                    outer = max(min(last, nx - 3 - x0), inner)
+                at = (z0 * ny + y0) * nx + x0 + inner
+                if at + 3 * ny * nx + 3 * nx + BLOCK + 3 > flat.size:
+                    outer = inner  # a whole block would read beyond the source's end
+                if inner < outer and _any_marked(marks, x0 + inner, y0, z0):
+                    mark = (z0 * ny + y0) * blocks + (x0 + inner) // BLOCK
+                    about = flat_marks, mark, blocks, ny * blocks, flat_d, inner, STRIDE
+                    sample_sixteen(flat, at, nx, ny * nx, *about, sixteen)
+                    for i in range(outer - inner):
+                        here[x + inner + i] = sixteen[i]
+                if outer - inner < last - first and -4 < y0 < ny and -4 < z0 < depth:
+                    for i in range(first, last):
+                        if not inner <= i < outer and -4 < x0 + i < nx:
+                            here[x + i] = _at_face(source, marks, x0 + i, y0, z0, d, i)
+                first = last
 
 
 @kernel
-def _sample(begin, end, source, source_lo, lo, along_x, first_y, weights_y, share, out):
-    ny = out.shape[1]
-    for row in range(begin, end):
-        k, j = row // ny, row % ny
-        lines_of_d = along_x[k, :, first_y[j] : first_y[j] + 4]
-        _sample_row(source, lines_of_d, weights_y[j] * share, j, k + lo - source_lo, out[k, j])
+def _sample(begin, end, source, marks, source_lo, lo, along_x, first_y, weights_y, share, out):
+    """Rows begin to end of ``out``: voxels of the source, moved by the sum of four lines of ``along_x``. Those that
+    moved by the same whole number of voxels along each axis, most of a row, are sampled sixteen at a time."""
+    room = np.zeros((3, STRIDE), np.float32), np.zeros((3, CHUNK), np.int32), np.zeros(BLOCK, np.float32)
+    _sample_rows(begin, end, source, marks, source_lo, lo, along_x, first_y, weights_y, share, out, room)
