@@ -15,7 +15,6 @@ from plenopiv.volume import SparseVolume, VoxelGrid
 KEPT = 1 << 22  # numbers of lenses that views meet, in all: few beside the rest of a run's memory
 LITTLE = 200_000  # pixels times planes, a quarter of a millisecond
 PRODUCTS = 20  # of a listed voxel and its map, that take the time of a pixel of a plane
-RUNS = 16  # of planes, shared out among threads; forward, as many partial images are summed in order
 
 
 class MappedViews:
@@ -53,9 +52,9 @@ class MappedViews:
     def forward(self, views: NDArray[np.int64], volume: SparseVolume) -> NDArray[np.float32]:
         """The volume's light in each of ``views``, (views, lens); 0 where the pixel is no equation."""
         lenses, pixels = self.look(views)
-        partial = np.empty((RUNS, lenses.size), np.float32)
+        partial = np.empty((strips.RUNS, lenses.size), np.float32)
         arguments = *self._kernel_arguments(views, volume, pixels), volume.values, partial
-        in_threads(strips.forward, RUNS, *arguments, little=self._little(volume, pixels))
+        in_threads(strips.forward, strips.RUNS, *arguments, little=self._little(volume, pixels))
         images = np.zeros((len(views), self.layout.lenses), np.float32)
         images[_of_view(pixels), lenses] = partial.sum(0)
         return images
@@ -106,8 +105,8 @@ class MappedViews:
     def _gather(self, views: NDArray[np.int64], images, volume: SparseVolume, multiply: int, out) -> None:
         lenses, pixels = self.look(views)
         corrections = images[_of_view(pixels), lenses].astype(np.float32)
-        arguments = *self._kernel_arguments(views, volume, pixels), corrections, multiply, RUNS, out
-        in_threads(strips.gather, RUNS, *arguments, little=self._little(volume, pixels))
+        arguments = *self._kernel_arguments(views, volume, pixels), corrections, multiply, out
+        in_threads(strips.gather, strips.RUNS, *arguments, little=self._little(volume, pixels))
 
     def _little(self, volume: SparseVolume, pixels: Views) -> bool:
         """Whether a kernel's work, pixels read in each plane and voxels spread, takes less than handing it over."""

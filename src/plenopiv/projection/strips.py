@@ -20,6 +20,7 @@ F = np.float32
 ZERO = np.int64(0)  # of a plain 0 Numba makes a type of its own, and compiles twice what takes it
 BLOCK = 1024  # pixels placed at once
 STRIP = 1 << 17  # points worked on at once: they stay in the second-level cache
+RUNS = 16  # of planes, shared out among threads; forward, as many partial images are summed in order
 ROUNDING = F(0.01)  # rows that a place may be off by it
 OFF = F(1.15)  # px that a pixel's q may be off its view's: its phase, its lit part's middle, drift
 
@@ -270,17 +271,24 @@ def of_plane(maps, k):
     return maps.shares[maps.start[k, 0] :], maps.parts[maps.start[k, 1] :], maps.rank[k]
 
 
+@inlined
+def first_of(run):
+    """The first of the groups of planes first, first + RUNS, ... of a run. Neighbours are of distant runs, so that each
+    thread has its share of the planes near focus, which take longest: the bits of 0 to RUNS - 1 in reverse order."""
+    return ((run & 1) << 3) | ((run & 2) << 1) | ((run & 4) >> 1) | ((run & 8) >> 3)
+
+
 @kernel
 def forward(begin, end, geo, table, first, maps, room, views, ny, row_start, column, values, partial):
     """Light of the listed voxels in the pixels of views. Planes ``first[g]`` to ``first[g + 1]`` share one map, seen
-    as ``table[g]`` is (``maps.Read``). Each row of ``partial`` (images, count) takes that of some of them; rows
-    ``begin`` to ``end`` are filled. ``room``: as ``room_of`` tells it."""
-    count, images, maps, views = first.size - 1, partial.shape[0], borrowed(maps), borrowed(views)
+    as ``table[g]`` is (``maps.Read``). Each row of ``partial`` (RUNS, count) takes that of some of them; rows ``begin``
+    to ``end`` are filled. ``room``: as ``room_of`` tells it."""
+    count, maps, views = first.size - 1, borrowed(maps), borrowed(views)
     row_start, column, values, partial = borrowed((row_start, column, values, partial))
     for c in range(begin, end):
         partial[c] = F(0)
         strip, spare = np.empty(room[0], np.float32), np.empty((room[1], room[2]), np.float32)
-        for g in range(c, count, images):  # far from focus and near it alike
+        for g in range(first_of(c), count, RUNS):  # far from focus and near it alike
             planes = first[g], first[g + 1]
             if row_start[planes[0] * ny] < row_start[planes[1] * ny]:
                 plane, size, edge = plane_of(table, g), shape_of(maps.shape, planes[0]), maps.border[planes[0]]
@@ -291,7 +299,7 @@ def forward(begin, end, geo, table, first, maps, room, views, ny, row_start, col
 
 @kernel
 def gather(
-    begin, end, geo, table, first, maps, room, views, ny, row_start, column, image, multiply, chunks, out
+    begin, end, geo, table, first, maps, room, views, ny, row_start, column, image, multiply, out
 ):  # fmt: skip
     """For each listed voxel the sum of ``image`` (count,) over the pixels of views, each by the share of a wholly lit
     pixel that the voxel gives it, into ``out``; with ``multiply``, their number, ``out`` times ``factor_of`` it.
@@ -300,7 +308,7 @@ def gather(
     row_start, column, image, out = borrowed((row_start, column, image, out))
     for c in range(begin, end):
         strip, spare = np.empty(room[0], np.float32), np.empty((room[1], room[2]), np.float32)
-        for g in range(c, count, chunks):
+        for g in range(first_of(c), count, RUNS):
             planes = first[g], first[g + 1]
             if row_start[planes[0] * ny] < row_start[planes[1] * ny]:
                 plane, size, edge = plane_of(table, g), shape_of(maps.shape, planes[0]), maps.border[planes[0]]
