@@ -17,6 +17,8 @@ from threading import Thread
 from typing import Any
 
 import numba
+import numpy as np
+from numpy.typing import NDArray
 
 
 def _work(jobs: SimpleQueue) -> None:
@@ -63,3 +65,9 @@ def in_threads(kernel: Callable[..., Any], count: int, *arguments: Any, little: 
     for error in raised:
         if error is not None:
             raise error
+
+
+def in_turn(count: int) -> NDArray[np.int64]:
+    """The numbers 0 to ``count`` - 1 in an order of which each run is spread evenly over all of them, even ones first
+    (by their bits in reverse): of planes of which those near focus take longest, each thread's range has its share."""
+    return np.array(sorted(range(count), key=lambda k: f"{k:064b}"[::-1]), np.int64)

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 import pytest
 
-from plenopiv.threads import in_threads
+from plenopiv.threads import in_threads, in_turn
 
 
 def mark(begin, end, seen):
@@ -50,3 +50,14 @@ def test_a_forked_process_has_threads_of_its_own():
         in_threads(mark, 8, seen)
         os._exit(int(not (seen == 1).all()))
     assert os.waitpid(child, 0)[1] == 0
+
+
+@pytest.mark.parametrize("count", [2, 16, 57, 260])
+def test_planes_in_turn_share_out_what_is_near_the_middle(count):
+    turns = in_turn(count)
+    assert sorted(turns) == list(range(count))
+    work = np.exp(-(((np.arange(count) - count / 2) / (0.2 * count)) ** 2))  # near focus it takes longest
+    for threads in (2, 3, 4):
+        if count >= 16:
+            shares = [work[part].sum() / work.sum() for part in np.array_split(turns, threads)]
+            assert max(shares) * threads < 1.25

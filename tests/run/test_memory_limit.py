@@ -2,9 +2,11 @@
 
 import pytest
 
+from plenopiv.cameras.presets import preset
 from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
-from plenopiv.run.memory import BASE, REPORT, MemoryEstimate
+from plenopiv.run.memory import BASE, LAYER, REPORT, MemoryEstimate, estimate
+from plenopiv.volume import VoxelGrid
 
 
 def test_within():
@@ -20,10 +22,21 @@ def test_larger_voxels_would_fit():
 def test_no_voxels_would_fit():
     with pytest.raises(PlenoPIVError, match="for anything but voxels"):
         MemoryEstimate(images=1e8, light_field=1e9, volumes=1e9).keep_within(1e9)
-    with pytest.raises(PlenoPIVError, match=r"0\.45 GB of it for anything but voxels"):
+    with pytest.raises(PlenoPIVError, match=r"0\.43 GB of it for anything but voxels"):
         MemoryEstimate(images=0.0, light_field=5e7, volumes=3e8).keep_within(0.4e9)  # the report needs more
     with pytest.raises(PlenoPIVError, match="for anything but voxels"):
         MemoryEstimate(images=0.0, light_field=0.0, volumes=0.0).keep_within(REPORT / 2)
+
+
+def test_what_correlation_takes_grows_with_planes_and_deepest_windows():
+    grid = VoxelGrid.covering((-10, 10), (-10, 10), (-1, 1), (0.02, 0.02, 0.1))
+    twenty = 1000 * 1000 * 4 * 20.0  # bytes of as many planes, all that there are
+    assert estimate(preset("29mp"), grid, deepest=10).layers == LAYER * twenty / 2
+    assert estimate(preset("29mp"), grid).layers == LAYER * twenty
+    few = MemoryEstimate(images=0.0, light_field=0.0, volumes=0.0, layers=twenty)
+    assert few.peak == REPORT + twenty
+    with pytest.raises(PlenoPIVError, match="for anything but voxels"):
+        few.keep_within(REPORT + twenty / 2)
 
 
 def test_a_run_that_takes_more_does_not_begin(experiment, capsys):

@@ -75,7 +75,8 @@ def _experiment(file: Path) -> Lines:
     nz, ny, nx = grid.shape
     sides = " x ".join(f"{1e3 * d:.4g}" for d in grid.voxel_mm)
     lines.append(("volume", f"{nx} x {ny} x {nz} = {grid.size / 1e6:.3g} million voxels of {sides} um"))
-    needed = estimate(camera, grid, every_voxel=experiment.reconstruction.method == "mart")
+    deepest = max(window[2] for window in experiment.correlation.windows)
+    needed = estimate(camera, grid, deepest=deepest, every_voxel=experiment.reconstruction.method == "mart")
     lines.append(("memory", f"a run takes about {needed.peak / 1e9:.2g} GB"))
     windows = experiment.correlation.windows
     last = windows[-1]

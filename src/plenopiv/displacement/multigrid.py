@@ -168,9 +168,12 @@ def _layers(
     has one thread, makes what the next layer has alone while one is looked at."""
     depth, step = windows.size[0], windows.step[0]
     starts = windows.starts[0].tolist()
-    first = range(starts[0], starts[0] + depth, step)
-    planes = np.concatenate([source.slab(lo, min(lo + step, starts[0] + depth)) for lo in first])
-    kept = max(depth - step, 0)
+    first, kept = source.slab(starts[0], starts[0] + min(step, depth)), max(depth - step, 0)
+    planes = np.empty((depth, *first.shape[1:]), np.float32)
+    planes[: len(first)] = first
+    del first
+    for made in range(step, depth, step):
+        planes[made : made + step] = source.slab(starts[0] + made, starts[0] + min(made + step, depth))
     for start in starts[1:]:
         coming = ahead.submit(source.slab, start + kept, start + depth)
         yield planes

@@ -15,7 +15,7 @@ from plenopiv.projection.borders import borders_coincide, rule_out_together
 from plenopiv.projection.mapped import MappedViews
 from plenopiv.projection.maps import ACROSS
 from plenopiv.projection.protocol import correct
-from plenopiv.threads import in_threads
+from plenopiv.threads import in_threads, in_turn
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 RULES = {"1-ray": pixels.ONE_RAY, "9-rays": pixels.NINE_RAYS, "exact": pixels.EXACT, "polygons": pixels.EXACT}
@@ -170,7 +170,17 @@ class Projector:
                 for plane in alive:
                     plane[:, :nx] = next(seen)
                 table, most, half_step = self._planes[slab], largest[slab], blur[slab].astype(np.float32)
-                about = self._rows, table, most, self.rule, self._rim, *parameters, half_step, alive
+                about = (
+                    in_turn(len(alive)),
+                    self._rows,
+                    table,
+                    most,
+                    self.rule,
+                    self._rim,
+                    *parameters,
+                    half_step,
+                    alive,
+                )
                 in_threads(pruning.prune, len(alive), *about)
                 for k, plane in enumerate(alive[:, :, :nx], lo):
                     if self.rule == pixels.EXACT and borders_coincide(where, self.grid, k):

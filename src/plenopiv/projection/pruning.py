@@ -118,11 +118,12 @@ def summarise(where, left):
 
 @kernel
 def prune(
-    begin, end, geo, table, largest, rule, rim, offsets, order, lens_mm, phase, fill, bound, particle, blur, alive
+    begin, end, turns, geo, table, largest, rule, rim, offsets, order, lens_mm, phase, fill, bound, particle, blur,
+    alive,
 ):  # fmt: skip
     """Rule out voxels that would light a pixel more than ``bound`` (view, lens) allows, in counts.
 
-    Of planes ``begin`` to ``end``. ``alive``: uint8 (planes, ny, nx + LANES), 1 for voxels not ruled out. ``table`` and
+    Of planes ``turns[begin:end]``. ``alive``: uint8 (planes, ny, nx + LANES), 1 for voxels not ruled out. ``table`` and
     ``largest`` (planes,), the largest share of a pixel, are those of its planes. ``particle``: light of a particle in
     counts, all pixels together. ``blur`` (planes,): cells that half a voxel in depth moves a footprint, per pixel of q.
     A voxel's share of a pixel is the least over the places within it (for exact areas). A pixel that the aperture's rim
@@ -130,7 +131,7 @@ def prune(
     """
     _, ny, nx = alive.shape
     alive, bound, lens_mm, phase = borrowed((alive, bound, lens_mm, phase))
-    for k in range(begin, end):
+    for k in turns[begin:end]:
         weight, left = np.empty(nx + LANES, np.float32), np.empty(((ny - 1) // TOGETHER + 1, nx), np.uint8)
         plane, where = plane_of(table, k), alive[k]
         counts = particle * plane.light

@@ -15,12 +15,14 @@ from plenopiv.projection.pixels import plane_of
 from plenopiv.projection.points import read_places, write_places
 from plenopiv.projection.rows import first_line, spread_rows, sum_rows
 from plenopiv.projection.simd import LANES
+from plenopiv.threads import in_turn
 
 F = np.float32
 ZERO = np.int64(0)  # of a plain 0 Numba makes a type of its own, and compiles twice what takes it
 BLOCK = 1024  # pixels placed at once
 STRIP = 1 << 17  # points worked on at once: they stay in the second-level cache
 RUNS = 16  # of planes, shared out among threads; forward, as many partial images are summed in order
+FIRST = in_turn(RUNS)  # group of planes of a run, which takes every RUNS-th
 ROUNDING = F(0.01)  # rows that a place may be off by it
 OFF = F(1.15)  # px that a pixel's q may be off its view's: its phase, its lit part's middle, drift
 
@@ -271,13 +273,6 @@ def of_plane(maps, k):
     return maps.shares[maps.start[k, 0] :], maps.parts[maps.start[k, 1] :], maps.rank[k]
 
 
-@inlined
-def first_of(run):
-    """The first of the groups of planes first, first + RUNS, ... of a run. Neighbours are of distant runs, so that each
-    thread has its share of the planes near focus, which take longest: the bits of 0 to RUNS - 1 in reverse order."""
-    return ((run & 1) << 3) | ((run & 2) << 1) | ((run & 4) >> 1) | ((run & 8) >> 3)
-
-
 @kernel
 def forward(begin, end, geo, table, first, maps, room, views, ny, row_start, column, values, partial):
     """Light of the listed voxels in the pixels of views. Planes ``first[g]`` to ``first[g + 1]`` share one map, seen
@@ -288,7 +283,7 @@ def forward(begin, end, geo, table, first, maps, room, views, ny, row_start, col
     for c in range(begin, end):
         partial[c] = F(0)
         strip, spare = np.empty(room[0], np.float32), np.empty((room[1], room[2]), np.float32)
-        for g in range(first_of(c), count, RUNS):  # far from focus and near it alike
+        for g in range(FIRST[c], count, RUNS):  # far from focus and near it alike
             planes = first[g], first[g + 1]
             if row_start[planes[0] * ny] < row_start[planes[1] * ny]:
                 plane, size, edge = plane_of(table, g), shape_of(maps.shape, planes[0]), maps.border[planes[0]]
@@ -308,7 +303,7 @@ def gather(
     row_start, column, image, out = borrowed((row_start, column, image, out))
     for c in range(begin, end):
         strip, spare = np.empty(room[0], np.float32), np.empty((room[1], room[2]), np.float32)
-        for g in range(first_of(c), count, RUNS):
+        for g in range(FIRST[c], count, RUNS):
             planes = first[g], first[g + 1]
             if row_start[planes[0] * ny] < row_start[planes[1] * ny]:
                 plane, size, edge = plane_of(table, g), shape_of(maps.shape, planes[0]), maps.border[planes[0]]

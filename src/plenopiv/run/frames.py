@@ -105,7 +105,10 @@ def run(
             del white
 
         weight = focus_weight(camera, projector.grid.axes()[2], experiment.reconstruction.focus_reach)
-        needed = estimate(camera, projector.grid, every_voxel=experiment.reconstruction.method == "mart")
+        deepest = max(window[2] for window in experiment.correlation.windows)
+        needed = estimate(
+            camera, projector.grid, deepest=deepest, every_voxel=experiment.reconstruction.method == "mart"
+        )
         for k in range(2):  # before long work begins; later frames when their turn comes
             recording.frame(k)
         log.info("memory: about %.2g GB", needed.peak / 1e9)

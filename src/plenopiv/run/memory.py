@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from math import ceil, floor, pi
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError
 from plenopiv.volume import VoxelGrid
 
 KIB = 1024
 LISTED = 0.36  # share of the voxels that dense ray tracing leaves, in a deep and densely seeded volume
 BASE = 260e6  # interpreter, libraries and compiled kernels, bytes
-REPORT = 450e6  # the same with all that draws the report
+REPORT = 430e6  # the same with all that draws the report
+LAYER = 6.0  # planes a plane of the deepest windows: of two volumes those looked at, those coming, and their sources
+DEEPEST = max(window[2] for window in CorrelationSettings().windows)
 
 
 def peak_so_far() -> float | None:
@@ -28,23 +31,25 @@ def peak_so_far() -> float | None:
 
 @dataclass(frozen=True)
 class MemoryEstimate:
-    """Bytes by what needs them, all alive while the second frame is reconstructed. ``peak`` is their sum, or what the
-    report takes if that is more."""
+    """Bytes by what needs them, those of the first three all alive while the second frame is reconstructed. ``peak`` is
+    their sum, or what correlation and report take if that is more: memory that ``layers`` of planes took is hardly used
+    again."""
 
     images: float
     light_field: float
     volumes: float
+    layers: float = 0.0
 
     @property
     def peak(self) -> float:
         """Bytes in all."""
-        return max(BASE + self.light_field + self.volumes, REPORT) + self.images
+        return max(BASE + self.light_field + self.volumes, REPORT + self.layers) + self.images
 
     def keep_within(self, limit: float) -> None:
         """Raise PlenoPIVError, which says what would fit, where ``peak`` is more than ``limit`` bytes."""
         if self.peak <= limit:
             return
-        least = max(BASE + self.light_field, REPORT) + self.images
+        least = max(BASE + self.light_field, REPORT + self.layers) + self.images
         room = limit - BASE - self.light_field - self.images
         takes = f"this run takes about {self.peak / 1e9:.2f} GB, more than the {limit / 1e9:.2f} GB allowed"
         if limit < least or self.volumes <= 0:
@@ -56,8 +61,11 @@ class MemoryEstimate:
         )
 
 
-def estimate(camera: PlenopticCamera, grid: VoxelGrid, *, every_voxel: bool = False) -> MemoryEstimate:
-    """Estimate the peak memory of a run on one pair of frames; ``every_voxel``: without dense ray tracing."""
+def estimate(
+    camera: PlenopticCamera, grid: VoxelGrid, *, deepest: int = DEEPEST, every_voxel: bool = False
+) -> MemoryEstimate:
+    """Estimate the peak memory of a run on one pair of frames. ``deepest``: planes of its deepest windows;
+    ``every_voxel``: without dense ray tracing."""
     sensor = camera.sensor
     pixels = sensor.columns * sensor.rows
     lenses = 1.1 * camera.microlenses
@@ -65,4 +73,6 @@ def estimate(camera: PlenopticCamera, grid: VoxelGrid, *, every_voxel: bool = Fa
     layout = lenses * views * 5  # share (float32) and seen (bool)
     frame = lenses * views * 9  # values, their floor-lifted copy and masks
     listed = (1.0 if every_voxel else LISTED) * grid.size
-    return MemoryEstimate(4.0 * pixels, layout + frame, 8.0 * listed)  # as they are listed
+    nz, ny, nx = grid.shape
+    layers = LAYER * min(deepest, nz) * 4.0 * ny * nx
+    return MemoryEstimate(4.0 * pixels, layout + frame, 8.0 * listed, layers)  # 8 bytes as they are listed
