@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import ceil
 from typing import Protocol
@@ -40,6 +40,11 @@ class VoxelGrid:
         nz, ny, nx = self.shape
         x, y, z = (f + d * np.arange(n) for f, d, n in zip(self.first_mm, self.voxel_mm, (nx, ny, nz), strict=True))
         return x, y, z
+
+    def rows(self, low: int, high: int) -> VoxelGrid:
+        """Rows low <= j < high of it."""
+        (x, y, z), (nz, _, nx) = self.first_mm, self.shape
+        return VoxelGrid((x, y + low * self.voxel_mm[1], z), self.voxel_mm, (nz, high - low, nx))
 
     def limits_mm(self) -> tuple[tuple[float, float], ...]:
         """Outer faces along x, y and z."""
@@ -119,6 +124,31 @@ class SparseVolume:
         np.cumsum(np.concatenate(counts), out=start[1:])
         column = np.concatenate(columns)
         return cls(grid, start, column, np.full(column.size, value, np.float32))
+
+    @classmethod
+    def stacked(cls, grid: VoxelGrid, parts: Sequence[SparseVolume]) -> SparseVolume:
+        """The volume of ``grid`` whose rows are those of ``parts``, one after the other along y."""
+        counts = np.concatenate([np.diff(p.row_start).reshape(grid.shape[0], -1) for p in parts], 1)
+        planes = [[p._plane(k) for p in parts] for k in range(grid.shape[0])]
+        column, values = (
+            np.concatenate([getattr(p, name)[part] for plane in planes for p, part in zip(parts, plane, strict=True)])
+            for name in ("column", "values")
+        )
+        return cls(grid, np.concatenate([[0], np.cumsum(counts)]), column, values)
+
+    def rows(self, low: int, high: int) -> SparseVolume:
+        """Rows low <= j < high of it."""
+        nz, ny, _ = self.grid.shape
+        start = self.row_start[:-1].reshape(nz, ny)[:, low]
+        counts = np.diff(self.row_start).reshape(nz, ny)[:, low:high]
+        parts = [slice(a, a + n) for a, n in zip(start, counts.sum(1), strict=True)]
+        column, values = (np.concatenate([v[part] for part in parts]) for v in (self.column, self.values))
+        return SparseVolume(self.grid.rows(low, high), np.concatenate([[0], np.cumsum(counts)]), column, values)
+
+    def _plane(self, k: int) -> slice:
+        """Where the voxels of a plane are listed."""
+        ny = self.grid.shape[1]
+        return slice(self.row_start[k * ny], self.row_start[(k + 1) * ny])
 
     @property
     def occupancy(self) -> float:

@@ -1,11 +1,13 @@
 """What a run is allowed to take."""
 
+import json
+
 import pytest
 
 from plenopiv.cameras.presets import preset
 from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
-from plenopiv.run.memory import BASE, LAYER, REPORT, MemoryEstimate, estimate
+from plenopiv.run.memory import BASE, HELD, KEPT, LAYER, REPORT, MemoryEstimate, estimate, tiles_within
 from plenopiv.volume import VoxelGrid
 
 
@@ -31,12 +33,36 @@ def test_no_voxels_would_fit():
 def test_what_correlation_takes_grows_with_planes_and_deepest_windows():
     grid = VoxelGrid.covering((-10, 10), (-10, 10), (-1, 1), (0.02, 0.02, 0.1))
     twenty = 1000 * 1000 * 4 * 20.0  # bytes of as many planes, all that there are
-    assert estimate(preset("29mp"), grid, deepest=10).layers == LAYER * twenty / 2
-    assert estimate(preset("29mp"), grid).layers == LAYER * twenty
+    assert estimate(preset("29mp"), grid, deepest=10).layers == (1 + HELD[0]) * LAYER * twenty / 2
+    assert estimate(preset("29mp"), grid).layers == LAYER * twenty + HELD[1]
     few = MemoryEstimate(images=0.0, light_field=0.0, volumes=0.0, layers=twenty)
     assert few.peak == REPORT + twenty
     with pytest.raises(PlenoPIVError, match="for anything but voxels"):
         few.keep_within(REPORT + twenty / 2)
+
+
+def test_as_few_tiles_as_keep_within():
+    needed = MemoryEstimate(images=1e8, light_field=1e9, volumes=8e9)
+    else_ = BASE + 1.1e9
+    assert tiles_within(needed, else_ + 8e9, 1000, 100) == [(0, 1000, 0, 1000)]
+    halves = tiles_within(needed, else_ + 5.3e9, 1000, 100)  # of 550 rows, and what is kept
+    assert [t.high - t.low for t in halves] == [550, 550]
+    assert needed.in_tiles(0.55).peak == pytest.approx(else_ + (0.55 + KEPT) * 8e9)
+    thirds = tiles_within(needed, else_ + 4.4e9, 1000, 100)
+    assert len(thirds) == 3
+    assert max(t.high - t.low for t in thirds) <= 435
+    with pytest.raises(PlenoPIVError, match="would fit"):
+        tiles_within(needed, else_ + 1e9, 1000, 100)
+
+
+def test_a_run_in_tiles(experiment, capsys, monkeypatch):
+    monkeypatch.setattr("plenopiv.run.memory.LISTED", 1e9 / (8.0 * experiment.grid().size))  # a volume of 1 GB
+    monkeypatch.setattr("plenopiv.projection.projector.Projector.passage", 4)  # light crosses half of so small a one
+    assert main(["run", str(experiment.path), "--memory", "1.1"]) == 0
+    assert "the volume is reconstructed in" in capsys.readouterr().err
+    result = json.loads((experiment.output_directory / "summary.json").read_text())
+    assert result["tiles"] > 1
+    assert result["memory_estimate_gb"] <= 1.1
 
 
 def test_a_run_that_takes_more_does_not_begin(experiment, capsys):

@@ -77,3 +77,16 @@ def test_columns_ascend_within_rows():
     for row in range(volume.row_start.size - 1):
         column = volume.column[volume.row_start[row] : volume.row_start[row + 1]].astype(int)
         assert (np.diff(column) > 0).all()
+
+
+def test_rows_and_their_stack():
+    _, volume = random_volume()
+    parts = [volume.rows(*part) for part in ((0, 3), (3, 4), (4, 7))]
+    for part, (low, high) in zip(parts, ((0, 3), (3, 4), (4, 7)), strict=True):
+        np.testing.assert_array_equal(part.dense().values, volume.dense().values[:, low:high])
+        np.testing.assert_allclose(part.grid.axes()[1], GRID.axes()[1][low:high])
+        assert part.grid.axes()[2][0] == GRID.axes()[2][0]
+    again = SparseVolume.stacked(GRID, parts)
+    for name in ("row_start", "column", "values"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(volume, name))
+        assert getattr(again, name).dtype == getattr(volume, name).dtype

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import pi
+from math import ceil, pi
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -144,6 +144,28 @@ class Projector:
         _, ny, nx = self.grid.shape
         inside = (column >= 0) & (column <= nx - 1) & (row >= 0) & (row <= ny - 1)
         return self.layout.seen[view] & inside.all(0)
+
+    @property
+    def passage(self) -> int:
+        """Rows of voxels that the light of one pixel crosses between the first plane and the last, at the most, with
+        its own width."""
+        crossed = max(float(np.ptp(rows, axis=0).max()) for rows in map(self._rows_met, range(self.views)))
+        return ceil(crossed + 2 * self._half_width)
+
+    def keeps_within(self, low: float, high: float) -> NDArray[np.bool_]:
+        """(view, lens): the equations of which no light comes from rows of voxels below ``low`` or from ``high`` on."""
+        low, high = low + self._half_width, high - 1 - self._half_width
+        met = map(self._rows_met, range(self.views))
+        return self.seen & np.array([((rows >= low) & (rows <= high)).all(0) for rows in met])
+
+    def _rows_met(self, view: int) -> NDArray[np.float64]:
+        """Rows of voxels (2, lens) that the pixels of a view meet in the first and in the last plane."""
+        return geometry.ends(self.layout, self._rows, self._planes, self._lens_mm, view)[1]
+
+    @property
+    def _half_width(self) -> float:
+        """Of a pixel's light, voxels."""
+        return 0.5 / float(np.abs(self._planes[:, geometry.Plane._fields.index("cell_y")]).min()) + 1
 
     def voxels_within(self, bound: NDArray[np.float32], particle: float) -> SparseVolume:
         """The seen voxels in which a particle of ``particle`` counts gives no pixel more than ``bound`` (view, lens).

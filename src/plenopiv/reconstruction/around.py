@@ -14,7 +14,7 @@ import numpy as np
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField
 from plenopiv.projection.around import CamerasAround
-from plenopiv.reconstruction.chain import Reconstruction, corrected, left_by_tracing
+from plenopiv.reconstruction.chain import Reconstruction, corrected, left_by_tracing, some_left
 from plenopiv.reconstruction.mart import Progress
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, Noise, dark_noise
 from plenopiv.reconstruction.settings import ReconstructionSettings
@@ -44,6 +44,8 @@ def reconstruct_around(
             zip(lightfields, cameras.projectors, noises, strict=True), 1
         )
     ]
+    for number, left in enumerate(each, 1):
+        some_left(left.volume, left.threshold, f"{name}, camera {number}")
     volume = cameras.left_by_all([left.volume for left in each])
     if volume.column.size == 0:
         raise PlenoPIVError(

@@ -63,6 +63,7 @@ def reconstruct(
     """
     noise = Noise(dark_noise(lightfield), counts_per_electron)
     left = left_by_tracing(lightfield, projector, settings, noise, name)
+    some_left(left.volume, left.threshold, name)
     share = left.volume.occupancy
     volume, residuals = corrected(lightfield.values, projector, left.volume, settings, noise, progress)
     return Reconstruction(volume, left.threshold, left.particle, noise, share, residuals)
@@ -101,12 +102,16 @@ def left_by_tracing(
         if settings.threshold is None:
             threshold = max(faintest_share(lightfield, particle) * particle, threshold)
         volume = projector.voxels_within(most_light(lightfield, noise), threshold / projector.light_in_focus)
+    return Left(volume, threshold, particle)
+
+
+def some_left(volume: SparseVolume, threshold: float, name: str) -> None:
+    """Raise PlenoPIVError where a frame's volume lists no voxel."""
     if volume.column.size == 0:
         raise PlenoPIVError(
             f"{name}: dense ray tracing leaves no voxel; lower reconstruction.threshold ({threshold:.0f} counts) "
             'or use reconstruction.method = "mart"'
         )
-    return Left(volume, threshold, particle)
 
 
 def corrected(
@@ -116,11 +121,11 @@ def corrected(
     settings: ReconstructionSettings,
     noise: Noise,
     progress: Progress | None = None,
-    cameras: int = 1,
+    times: float = 1.0,
 ) -> tuple[SparseVolume, tuple[float, ...]]:
-    """MART on the listed voxels, which all start with the same light, and the residual of each round. ``cameras`` that
-    each collect all of it; ``noise``: of their pixels."""
-    light = float(values.sum(dtype=np.float64)) / cameras
+    """MART on the listed voxels, which all start with the same light, and the residual of each round. ``times``: how
+    often ``values`` hold the volume's light, as of several cameras; ``noise``: of their pixels."""
+    light = float(values.sum(dtype=np.float64)) / times
     volume.values[:] = max(light, 1.0) / volume.column.size
     volume, residuals = mart(
         values,

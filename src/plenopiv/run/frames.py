@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,13 +30,14 @@ from plenopiv.io.output import OutputFolder
 from plenopiv.io.vtkhdf import write_volume_vtkhdf
 from plenopiv.lightfield import decode, layout
 from plenopiv.projection.projector import Projector
-from plenopiv.reconstruction.chain import Reconstruction, reconstruct
+from plenopiv.reconstruction.chain import Reconstruction
 from plenopiv.reconstruction.focus import focus_weight
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
+from plenopiv.reconstruction.tiles import cut, reconstruct_in_tiles
 from plenopiv.recording import Recording
 from plenopiv.report import light_field_stacks, projections, raw_crops, volume_stack, write_report
 from plenopiv.run import duration
-from plenopiv.run.memory import estimate, peak_so_far
+from plenopiv.run.memory import estimate, peak_so_far, tiles_within
 from plenopiv.run.versions import versions
 from plenopiv.velocity import velocity_dataset
 
@@ -84,8 +85,8 @@ def run(
     and its figures.
 
     ``progress(stage, done, total)`` is called as work proceeds. ``score``, where the truth is known, turns the velocity
-    field into measures for the report; a run itself never reads a truth. ``memory_gb``: a run that would take more
-    does not begin.
+    field into measures for the report; a run itself never reads a truth. ``memory_gb``: a run that would take more is
+    cut into tiles, or does not begin where these would not help.
 
     Raises:
         PlenoPIVError: an input cannot be used, or memory does not suffice; the results folder is then as it was.
@@ -111,21 +112,28 @@ def run(
         )
         for k in range(2):  # before long work begins; later frames when their turn comes
             recording.frame(k)
+        rows = projector.grid.shape[1]
+        tiles = cut(rows, 1, 0)
+        if memory_gb is not None and needed.peak > 1e9 * memory_gb:
+            tiles = tiles_within(needed, 1e9 * memory_gb, rows, projector.passage)
+            largest = max(tile.high - tile.low for tile in tiles)
+            log.info("the volume is reconstructed in %d tiles, the largest of %d of %d rows", len(tiles), largest, rows)
+            needed = needed.in_tiles(largest / rows)
         log.info("memory: about %.2g GB", needed.peak / 1e9)
         correlation = experiment.correlation.settings()
         settings = experiment.reconstruction.settings()
         takes = duration.of_settings(camera, projector.grid, settings, correlation, numba.get_num_threads())
+        takes = replace(takes, frame=takes.frame * sum(tile.high - tile.low for tile in tiles) / rows)
         log.info("time: about %s", duration.spoken(takes.run(len(recording))))
-        if memory_gb is not None:
-            needed.keep_within(1e9 * memory_gb)
 
         def reconstructed(k: int) -> tuple[NDArray[np.uint16], Reconstruction]:
             name = recording.frame_paths[k].name
             with clock("reconstruction"):
                 image = recording.frame(k)
-                found = reconstruct(
+                found = reconstruct_in_tiles(
                     decode(image, where),
                     projector,
+                    tiles,
                     settings,
                     counts_per_electron=gain,
                     name=name,
@@ -168,6 +176,7 @@ def run(
             "vectors": int(velocity.valid.size),
             "replaced_share": float(1.0 - velocity.valid.values.mean()),
             "median_peak_ratio": float(np.nanmedian(velocity.peak_ratio.values)),
+            "tiles": len(tiles),
             "memory_estimate_gb": needed.peak / 1e9,
             "warnings": [str(w.message) for w in caught],
             "time_estimate_s": round(takes.run(len(recording)), 1),

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, floor, pi
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError
+from plenopiv.reconstruction.tiles import Tile, cut
 from plenopiv.volume import VoxelGrid
 
 KIB = 1024
 LISTED = 0.36  # share of the voxels that dense ray tracing leaves, in a deep and densely seeded volume
 BASE = 260e6  # interpreter, libraries and compiled kernels, bytes
-REPORT = 430e6  # the same with all that draws the report
-LAYER = 6.0  # planes a plane of the deepest windows: of two volumes those looked at, those coming, and their sources
+REPORT = 426e6  # the same with all that draws the report
+KEPT = 0.1  # of a volume's memory, once MART has left voxels out
+MOST_TILES = 64
+LAYER = 4.0  # planes a plane of the deepest windows: of two volumes those looked at, those coming, and their sources
+HELD = 0.3, 100e6  # share of it that the C library keeps once it is free, and the most: large arrays are given back
 DEEPEST = max(window[2] for window in CorrelationSettings().windows)
 
 
@@ -44,6 +48,10 @@ class MemoryEstimate:
     def peak(self) -> float:
         """Bytes in all."""
         return max(BASE + self.light_field + self.volumes, REPORT + self.layers) + self.images
+
+    def in_tiles(self, share: float) -> MemoryEstimate:
+        """The same where a share of the volume is reconstructed at once; the rest is kept as it came out."""
+        return replace(self, volumes=(min(share + KEPT, 1.0)) * self.volumes)
 
     def keep_within(self, limit: float) -> None:
         """Raise PlenoPIVError, which says what would fit, where ``peak`` is more than ``limit`` bytes."""
@@ -75,4 +83,20 @@ def estimate(
     listed = (1.0 if every_voxel else LISTED) * grid.size
     nz, ny, nx = grid.shape
     layers = LAYER * min(deepest, nz) * 4.0 * ny * nx
+    layers += min(HELD[0] * layers, HELD[1])
     return MemoryEstimate(4.0 * pixels, layout + frame, 8.0 * listed, layers)  # 8 bytes as they are listed
+
+
+def tiles_within(needed: MemoryEstimate, limit: float, rows: int, passage: int) -> list[Tile]:
+    """As few tiles of a volume of so many rows of voxels as keep within ``limit`` bytes (``tiles.cut``).
+
+    Raises:
+        PlenoPIVError: no tiles do.
+    """
+    for count in range(1, min(MOST_TILES, rows) + 1):
+        tiles = cut(rows, count, passage)
+        share = max(tile.high - tile.low for tile in tiles) / rows
+        if (needed if count == 1 else needed.in_tiles(share)).peak <= limit:
+            return tiles
+    needed.keep_within(limit)
+    raise AssertionError("one tile is the whole volume")
