@@ -34,7 +34,9 @@ def test_what_correlation_takes_grows_with_planes_and_deepest_windows():
     grid = VoxelGrid.covering((-10, 10), (-10, 10), (-1, 1), (0.02, 0.02, 0.1))
     twenty = 1000 * 1000 * 4 * 20.0  # bytes of as many planes, all that there are
     assert estimate(preset("29mp"), grid, deepest=10).layers == (1 + HELD[0]) * LAYER * twenty / 2
-    assert estimate(preset("29mp"), grid).layers == LAYER * twenty + HELD[1]
+    assert estimate(preset("29mp"), grid).layers == (1 + HELD[0]) * LAYER * twenty
+    fine = VoxelGrid.covering((-10, 10), (-10, 10), (-1, 1), (0.005, 0.005, 0.1))  # large arrays are given back
+    assert estimate(preset("29mp"), fine).layers == LAYER * 16 * twenty + HELD[1]
     few = MemoryEstimate(images=0.0, light_field=0.0, volumes=0.0, layers=twenty)
     assert few.peak == REPORT + twenty
     with pytest.raises(PlenoPIVError, match="for anything but voxels"):

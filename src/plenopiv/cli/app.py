@@ -219,7 +219,10 @@ def run(
     experiment: ExperimentFile,
     overwrite: Overwrite = False,
     memory: Annotated[
-        float | None, typer.Option(metavar="GB", min=0.0, help="Do not begin a run that takes more memory than this.")
+        float | None,
+        typer.Option(
+            metavar="GB", min=0.0, help="Take no more memory than this: reconstruct in tiles, or do not begin."
+        ),
     ] = None,
 ) -> None:
     """From raw images to velocity: calibrate, reconstruct, correlate, report.
