@@ -8,6 +8,7 @@ from the middle of the depth.
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -75,34 +76,33 @@ def reconstruct_in_tiles(
         PlenoPIVError: the frame ``name`` shows no particles.
     """
     if len(tiles) == 1:
-        told = {"counts_per_electron": counts_per_electron, "name": name, "progress": progress}
-        return reconstruct(lightfield, projector, settings, **told)  # type: ignore[arg-type]
+        return reconstruct(
+            lightfield, projector, settings, counts_per_electron=counts_per_electron, name=name, progress=progress
+        )
     noise, grid = Noise(dark_noise(lightfield), counts_per_electron), projector.grid
-    parts, found, listed = [], [], 0
+    rows, parts, told, listed = grid.shape[1], [], [], 0
     squares, equations = np.zeros(settings.iterations), 0
     for number, tile in enumerate(tiles):
         own = Projector(lightfield.layout, grid.rows(tile.low, tile.high), settings.weights)
-        left = left_by_tracing(lightfield, own, settings, noise, name)
+        volume, *measured = left_by_tracing(lightfield, own, settings, noise, name)
         within = tile.first - tile.low, tile.end - tile.low
-        volume, here = left.volume, left.volume.rows(*within).column.size
-        if here:
-            seen = own.keeps_within(
-                0 if tile.low else -np.inf, own.grid.shape[1] if tile.high < grid.shape[1] else np.inf
-            )
-            times = grid.shape[1] / own.grid.shape[1]
-
-            def whole(done: int, total: int, number: int = number) -> None:
-                if progress:
-                    progress(number * total + done, len(tiles) * total)
-
-            volume, residuals = corrected(lightfield.values, InTile(own, seen), volume, settings, noise, whole, times)
+        if here := volume.rows(*within).column.size:
+            of_all = None if progress is None else partial(_of_all, progress, number, len(tiles))
+            seen = own.keeps_within(0 if tile.low else -np.inf, tile.high - tile.low if tile.high < rows else np.inf)
+            inside, times = InTile(own, seen), rows / (tile.high - tile.low)
+            volume, residuals = corrected(lightfield.values, inside, volume, settings, noise, of_all, times)
             squares += np.square(residuals) * np.count_nonzero(seen)
             equations += int(np.count_nonzero(seen))
-            found.append((left.threshold, left.particle))
         parts.append(volume.rows(*within))
+        told.append(measured)
         listed += here
     together = SparseVolume.stacked(grid, parts)
-    threshold, particle = (float(v) for v in np.mean(found or [(left.threshold, left.particle)], axis=0))
+    threshold, particle = (float(value) for value in np.mean(told, axis=0))
     some_left(together, threshold, name)
-    residuals = tuple(np.sqrt(squares / max(equations, 1)).tolist())
-    return Reconstruction(together, threshold, particle, noise, listed / grid.size, residuals)
+    found = tuple(np.sqrt(squares / equations).tolist())
+    return Reconstruction(together, threshold, particle, noise, listed / grid.size, found)
+
+
+def _of_all(progress: Progress, number: int, count: int, done: int, total: int) -> None:
+    """Tell the progress of one of several tiles as that of all."""
+    progress(number * total + done, count * total)
