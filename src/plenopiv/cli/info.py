@@ -12,7 +12,7 @@ from plenopiv.cameras.coverage import seen_by_every_view_mm
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
-from plenopiv.run.memory import estimate
+from plenopiv.run import memory
 
 Lines = list[tuple[str, str]]
 
@@ -75,8 +75,7 @@ def _experiment(file: Path) -> Lines:
     nz, ny, nx = grid.shape
     sides = " x ".join(f"{1e3 * d:.4g}" for d in grid.voxel_mm)
     lines.append(("volume", f"{nx} x {ny} x {nz} = {grid.size / 1e6:.3g} million voxels of {sides} um"))
-    deepest = max(window[2] for window in experiment.correlation.windows)
-    needed = estimate(camera, grid, deepest=deepest, every_voxel=experiment.reconstruction.method == "mart")
+    needed = memory.of_settings(camera, grid, experiment.reconstruction.settings(), experiment.correlation.settings())
     lines.append(("memory", f"a run takes about {needed.peak / 1e9:.2g} GB"))
     windows = experiment.correlation.windows
     last = windows[-1]

@@ -36,8 +36,8 @@ from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.reconstruction.tiles import cut, reconstruct_in_tiles
 from plenopiv.recording import Recording
 from plenopiv.report import light_field_stacks, projections, raw_crops, volume_stack, write_report
-from plenopiv.run import duration
-from plenopiv.run.memory import estimate, peak_so_far, tiles_within
+from plenopiv.run import duration, memory
+from plenopiv.run.memory import peak_so_far, tiles_within
 from plenopiv.run.versions import versions
 from plenopiv.velocity import velocity_dataset
 
@@ -106,10 +106,8 @@ def run(
             del white
 
         weight = focus_weight(camera, projector.grid.axes()[2], experiment.reconstruction.focus_reach)
-        deepest = max(window[2] for window in experiment.correlation.windows)
-        needed = estimate(
-            camera, projector.grid, deepest=deepest, every_voxel=experiment.reconstruction.method == "mart"
-        )
+        settings, correlation = experiment.reconstruction.settings(), experiment.correlation.settings()
+        needed = memory.of_settings(camera, projector.grid, settings, correlation)
         for k in range(2):  # before long work begins; later frames when their turn comes
             recording.frame(k)
         rows = projector.grid.shape[1]
@@ -120,8 +118,6 @@ def run(
             log.info("the volume is reconstructed in %d tiles, the largest of %d of %d rows", len(tiles), largest, rows)
             needed = needed.in_tiles(largest / rows)
         log.info("memory: about %.2g GB", needed.peak / 1e9)
-        correlation = experiment.correlation.settings()
-        settings = experiment.reconstruction.settings()
         takes = duration.of_settings(camera, projector.grid, settings, correlation, numba.get_num_threads())
         takes = replace(takes, frame=takes.frame * sum(tile.high - tile.low for tile in tiles) / rows)
         log.info("time: about %s", duration.spoken(takes.run(len(recording))))

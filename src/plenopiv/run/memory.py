@@ -9,6 +9,7 @@ from math import ceil, floor, pi
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError
+from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.reconstruction.tiles import Tile, cut
 from plenopiv.volume import VoxelGrid
 
@@ -85,6 +86,14 @@ def estimate(
     layers = LAYER * min(deepest, nz) * 4.0 * ny * nx
     layers += min(HELD[0] * layers, HELD[1])
     return MemoryEstimate(4.0 * pixels, layout + frame, 8.0 * listed, layers)  # 8 bytes as they are listed
+
+
+def of_settings(
+    camera: PlenopticCamera, grid: VoxelGrid, reconstruction: ReconstructionSettings, correlation: CorrelationSettings
+) -> MemoryEstimate:
+    """``estimate`` of a run with these settings."""
+    deepest = max(window[2] for window in correlation.windows)
+    return estimate(camera, grid, deepest=deepest, every_voxel=reconstruction.method == "mart")
 
 
 def tiles_within(needed: MemoryEstimate, limit: float, rows: int, passage: int) -> list[Tile]:
