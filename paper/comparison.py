@@ -2,7 +2,8 @@
 
 Five measurements (``comparison_settings``), each in a process of its own: LF-PIV; exact volumes in place of its
 reconstructed ones, which shows what its windows resolve; two plenoptic cameras at a right angle; Tomo-PIV at the
-paper's settings; Tomo-PIV of the light field's particles in windows of the same size.
+paper's settings; Tomo-PIV of the light field's particles in windows of the same size. All but the third and the fourth
+are correlated once more with windows within these windows.
 
 Writes results/comparison.json, its table results/comparison.md, and figures to docs/images/paper (comparison-full of
 the full size); fields, with the DNS beside them, to build/comparison.
@@ -28,7 +29,7 @@ import two_cameras_case
 from comparison_costs import announced
 from comparison_scores import judged, score
 from comparison_settings import JET_M_S, SIZES, Comparison
-from lightfield_case import Measured
+from lightfield_case import Measured, Reconstructed, Setting
 from page import table
 
 from plenopiv.io.netcdf import write_velocity
@@ -38,38 +39,52 @@ from plenopiv.simulation.flows import flow
 ROOT = Path(__file__).parents[1]
 TITLES = {
     "light_field": "LF-PIV",
+    "light_field_inner": "LF-PIV, windows within windows",
     "exact": "exact volumes, LF's windows",
+    "exact_inner": "exact volumes, windows within windows",
     "two": "LF-PIV, two cameras",
     "tomo": "Tomo-PIV, the paper's",
     "matched": "Tomo-PIV, LF's particles and windows",
+    "matched_inner": "Tomo-PIV, LF's particles, windows within windows",
 }
+MEASUREMENTS = tuple(name for name in TITLES if not name.endswith("_inner"))
 SEED = 0
 
 
-def measured(name: str, setting: Comparison) -> Measured:
-    """One of TITLES."""
+def reconstructed(name: str, setting: Comparison) -> Reconstructed:
+    """One of MEASUREMENTS."""
     jet = flow("jet", at_mm=setting.jet_at_mm)
     if name == "light_field":
-        return lightfield_case.measure_light_field(setting.light_field, jet, SEED)
+        return lightfield_case.reconstruct_light_field(setting.light_field, jet, SEED)
     if name == "exact":
-        return lightfield_case.measure_exact(setting.light_field, jet, SEED)
+        return lightfield_case.exact_volumes(setting.light_field, jet, SEED)
     if name == "two":
         lit = replace(setting.light_field, volume_mm=setting.two.volume_mm)
-        return two_cameras_case.measure_two_cameras(setting.two, lightfield_case.seeded(lit, jet, SEED), SEED)
+        return two_cameras_case.reconstruct_by_two(setting.two, lightfield_case.seeded(lit, jet, SEED), SEED)
     if name == "tomo":
-        return tomo_case.measure_tomo(setting.tomo, jet, seed=SEED)
-    return tomo_case.measure_tomo(setting.matched, jet, lightfield_case.seeded(setting.light_field, jet, SEED), SEED)
+        return tomo_case.reconstruct_tomo(setting.tomo, jet, seed=SEED)
+    particles = lightfield_case.seeded(setting.light_field, jet, SEED)
+    return tomo_case.reconstruct_tomo(setting.matched, jet, particles, SEED)
 
 
-def case(name: str, setting: Comparison, fields: Path) -> dict[str, Any]:
-    """Measure, score, and write the field with the window mean of the DNS as u_true, v_true, w_true and ``judged``."""
-    result = measured(name, setting)
+def case(name: str, setting: Comparison, fields: Path) -> dict[str, dict[str, Any]]:
+    """Measure, score, and write the fields with the window mean of the DNS as u_true, v_true, w_true and ``judged``.
+    Results by the names of TITLES."""
+    volumes = reconstructed(name, setting)
+    found = {name: scored(name, volumes.correlated(), volumes.setting, setting, fields)}
+    if volumes.setting.inner_window is not None:
+        again = volumes.correlated(volumes.setting.inner_window)
+        found[f"{name}_inner"] = scored(f"{name}_inner", again, volumes.setting, setting, fields)
+    return found
+
+
+def scored(name: str, result: Measured, own: Setting, setting: Comparison, fields: Path) -> dict[str, Any]:
+    """What is told of one field; it is written."""
     peak = peak_so_far()
-    limits = (setting.light_field if name == "exact" else getattr(setting, name)).judged_mm
-    told, true = score(result, flow("jet", at_mm=setting.jet_at_mm), limits)
+    told, true = score(result, flow("jet", at_mm=setting.jet_at_mm), own.judged_mm)
     dims = ("z", "y", "x")
     field = result.field.assign({f"{c}_true": (dims, v, {"units": "m s-1"}) for c, v in zip("uvw", true, strict=True)})
-    field = field.assign(judged=(dims, judged(result, limits).astype("int8")))
+    field = field.assign(judged=(dims, judged(result, own.judged_mm).astype("int8")))
     fields.mkdir(parents=True, exist_ok=True)
     write_velocity(fields / f"{setting.name}-{name}.nc", field)
     return told | {"peak_gb": None if peak is None else round(peak / 1e9, 3), "threads": numba.get_num_threads()}
@@ -120,7 +135,7 @@ def _three(values: list[float], digits: int = 3) -> str:
     return " / ".join(f"{v:.{digits}f}" for v in values)
 
 
-def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ...] = tuple(TITLES)) -> dict[str, Any]:
+def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ...] = MEASUREMENTS) -> dict[str, Any]:
     """Announce, measure, write JSON, table and figures into ``out``. ``only``: which cases to measure anew; the others
     are taken from earlier results of the same size."""
     setting, target = SIZES[size], out / "paper" / "results"
@@ -133,8 +148,10 @@ def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ..
     target.mkdir(parents=True, exist_ok=True)
     for name in only:
         work = partial(case, name, setting, fields)
-        cases[name] = in_a_process(work) if isolated else work()
-        print(f"{TITLES[name]}: {json.dumps(cases[name]['errors']['window_mean']['all'])}", flush=True)
+        found = in_a_process(work) if isolated else work()
+        for title, told in found.items():
+            print(f"{TITLES[title]}: {json.dumps(told['errors']['window_mean']['all'])}", flush=True)
+        cases |= found
         file.write_text(json.dumps({"size": size, "jet_m_s": JET_M_S, "cases": cases}, indent=1) + "\n")
     if set(cases) == set(TITLES):
         results = json.loads(file.read_text())
@@ -146,7 +163,7 @@ def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ..
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("size", nargs="?", choices=tuple(SIZES), default="reduced")
-    parser.add_argument("--only", nargs="+", choices=tuple(TITLES), default=tuple(TITLES))
+    parser.add_argument("--only", nargs="+", choices=MEASUREMENTS, default=MEASUREMENTS)
     parser.add_argument("--out", type=Path, default=ROOT, help="folder for paper/results and docs/images/paper")
     asked = parser.parse_args()
     main(asked.size, asked.out, only=tuple(asked.only))

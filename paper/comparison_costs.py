@@ -25,7 +25,16 @@ def light_field_cost(setting: LightFieldSetting) -> tuple[float, float]:
     camera = camera_of(setting)
     correlation = CorrelationSettings(windows=setting.windows, overlap=setting.overlap)
     takes = duration.of_settings(camera, setting.grid, ReconstructionSettings(), correlation, numba.get_num_threads())
-    return memory.estimate(camera, setting.grid).peak, takes.run(2)
+    seconds = takes.run(2) + _again(setting) / numba.get_num_threads()
+    return memory.estimate(camera, setting.grid).peak, seconds
+
+
+def _again(setting: LightFieldSetting | TomoSetting) -> float:
+    """Seconds of one core for the correlation with windows within windows, if there is one."""
+    if setting.inner_window is None:
+        return 0.0
+    correlation = CorrelationSettings(setting.windows, setting.overlap, setting.inner_window)
+    return duration.correlation_s(setting.grid, correlation.passes)
 
 
 def two_cameras_cost(setting: TwoCamerasSetting) -> tuple[float, float]:
@@ -46,7 +55,7 @@ def tomo_cost(setting: TomoSetting) -> tuple[float, float]:
     grid = setting.grid
     frame = CAMERAS * grid.size * (SIGHT + LISTED * TomographySettings.iterations * CORRECT)
     correlation = CorrelationSettings(windows=setting.windows, overlap=setting.overlap)
-    pair = duration.correlation_s(grid, correlation.passes, setting.overlap)
+    pair = duration.correlation_s(grid, correlation.passes) + _again(setting)
     layer = 4.0 * 2 * prod(grid.shape[1:]) * setting.windows[0][2]
     peak = memory.BASE + LISTED_BYTES * LISTED * grid.size + layer
     return peak, (2 * frame + pair) / numba.get_num_threads()

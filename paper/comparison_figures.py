@@ -23,13 +23,17 @@ from plenopiv.simulation.flows import flow
 Array = NDArray[np.float64]
 SHORT = {
     "light_field": "LF-PIV",
+    "light_field_inner": "LF-PIV, inner windows",
     "exact": "exact volumes",
+    "exact_inner": "exact volumes, inner windows",
     "two": "LF-PIV, two cameras",
     "tomo": "Tomo-PIV, the paper's",
     "matched": "Tomo-PIV, matched",
+    "matched_inner": "matched, inner windows",
 }
 GREY, VIOLET = "#8794a1", "#8557a8"
 IN_WINDOWS = "DNS in LF-PIV's windows"
+DRAWN = "light_field", "light_field_inner", "two", "tomo", "matched"  # beside the DNS
 COLOURS = {"light_field": BLUE, "exact": GREY, "two": VIOLET, "tomo": ORANGE, "matched": GREEN}
 SLICE_Z_MM = 1.5  # of the x-y plane: near focus, out of the zone without depth
 SLICE_JET_Y_MM = 1.0  # of the x-z plane, from the jet's axis
@@ -82,7 +86,7 @@ def slices(fields: dict[str, xr.Dataset], setting: Comparison) -> Figure:
     both |= {SHORT[name]: field for name, field in fields.items()}
     limits = {c: tuple(light[c].values[[0, -1]]) for c in "xyz"}
     deep = limits["z"][1] - limits["z"][0], limits["y"][1] - limits["y"][0]
-    figure = Figure(figsize=(14.0, 7.4), layout="constrained")
+    figure = Figure(figsize=(16.0, 7.4), layout="constrained")
     panels = figure.subplots(2, len(both), sharex=True, sharey="row", height_ratios=(deep[1], 0.62 * deep[0]))
     planes = (("z", SLICE_Z_MM, "y"), ("y", SLICE_JET_Y_MM - setting.jet_at_mm[1], "z"))
     for row, (axis, place, upward) in zip(panels, planes, strict=True):
@@ -104,21 +108,24 @@ def slices(fields: dict[str, xr.Dataset], setting: Comparison) -> Figure:
 
 @rc_context(STYLE)
 def errors(results: dict[str, Any]) -> Figure:
-    """RMS error and stated standard deviation against depth, a panel for each component."""
-    figure = Figure(figsize=(11.0, 3.6), layout="constrained")
+    """RMS error against depth, with the stated standard deviation or, where there are windows within windows, with what
+    those leave; a panel for each component."""
+    figure = Figure(figsize=(11.0, 3.9), layout="constrained")
     panels = figure.subplots(1, 3)
     for component, (axes, symbol) in enumerate(zip(panels, "uvw", strict=True)):
         for name, colour in COLOURS.items():
-            bands = results["cases"][name]["errors"]["window_mean"]
-            depths = {b: np.mean([float(v) for v in b.split()[0].split("-")]) for b in bands if b.endswith("mm")}
-            for key, style in (("rms_mm_s", "o-"), ("stated_mm_s", ":")):
+            inner = f"{name}_inner"
+            other = (inner, "rms_mm_s", "s--") if inner in SHORT else (name, "stated_mm_s", ":")
+            for of, key, style in ((name, "rms_mm_s", "o-"), other):
+                bands = results["cases"][of]["errors"]["window_mean"]
+                depths = {b: np.mean([float(v) for v in b.split()[0].split("-")]) for b in bands if b.endswith("mm")}
                 line = [bands[b][key][component] for b in depths]
-                label = SHORT[name] if key == "rms_mm_s" else None
+                label = SHORT[of] if key == "rms_mm_s" else None
                 axes.plot(list(depths.values()), line, style, color=colour, ms=4, lw=1.5, label=label)
         axes.axvline(TARGET_DEPTH_MM, color="#8794a1", lw=0.8, ls="--")
         axes.set(title=f"RMS error of {symbol}", xlabel="|z|, mm", xlim=(0, DEPTH_MM[1]), ylim=(0, None))
     panels[0].set_ylabel("mm/s (dotted: as stated)")
-    figure.legend(*panels[0].get_legend_handles_labels(), frameon=False, ncols=5, loc="outside lower center")
+    figure.legend(*panels[0].get_legend_handles_labels(), frameon=False, ncols=4, loc="outside lower center")
     return figure
 
 
@@ -136,7 +143,7 @@ def vortices(fields: dict[str, xr.Dataset], setting: Comparison) -> Figure:
     light, depth = fields["light_field"], TARGET_DEPTH_MM
     both = {IN_WINDOWS: true(light)} | {SHORT[name]: field for name, field in fields.items()}
     level = VORTEX_JET2 * (JET_M_S / (JET_DIAMETER_MM * 1e-3)) ** 2
-    figure = Figure(figsize=(14.0, 4.2))
+    figure = Figure(figsize=(16.0, 4.2))
     figure.subplots_adjust(left=0.01, right=0.97, bottom=0.02, top=0.88, wspace=0.1)
     figure.suptitle(f"Q = {VORTEX_JET2:g} (U/D)²")
     limits = [tuple(light[c].values[[0, -1]]) for c in "xyz"]
@@ -170,7 +177,7 @@ def save(figure: Figure, file: Path) -> None:
 def draw(results: dict[str, Any], setting: Comparison, fields: Path, folder: Path, stem: str) -> None:
     """All three figures into ``folder``, their names beginning with ``stem``."""
     folder.mkdir(parents=True, exist_ok=True)
-    found = {name: shown(fields, setting, name) for name in SHORT if name != "exact"}
+    found = {name: shown(fields, setting, name) for name in DRAWN}
     save(slices(found, setting), folder / f"{stem}-slices.png")
     save(errors(results), folder / f"{stem}-errors.png")
     save(vortices(found, setting), folder / f"{stem}-vortices.png")

@@ -26,12 +26,14 @@ TARGET_DEPTH_MM = 6.0  # of |z|, up to which errors are promised
 @dataclass(frozen=True)
 class LightFieldSetting:
     """One plenoptic camera. ``volume_mm``: lit, seeded and reconstructed. ``judged_mm``: limits along x and y within
-    which windows are judged; None, wherever every view sees them. ``rays``: simulated, of each particle."""
+    which windows are judged; None, wherever every view sees them. ``rays``: simulated, of each particle.
+    ``inner_window``: volumes are correlated once more with these within the last of ``windows``."""
 
     volume_mm: Limits
     judged_mm: Across | None = None
     windows: tuple[Window, ...] = ((128, 128, 32), (64, 64, 16))
     overlap: float = 0.5
+    inner_window: Window | None = (40, 40, 10)
     camera: str = "29mp"
     particles_per_microlens: float = 1.0
     rays: int = 4000
@@ -47,7 +49,7 @@ class TomoSetting:
     """Four pinhole cameras at the corners of a square, turned by +-``angle_deg`` about y and about x.
 
     ``volume_mm``: lit, seeded and reconstructed in cubic voxels of ``scale_mm_px``, which is a pixel at the middle.
-    ``judged_mm``: as of a light field.
+    ``judged_mm``, ``inner_window``: as of a light field.
     ``particles_per_pixel``: over the volume's x-y face; None takes the particles of the light field. ``sensor_px``: the
     most columns and rows; what the volume leaves dark is not simulated. ``diameter_px``: of particle images, e^-2.
     """
@@ -56,6 +58,7 @@ class TomoSetting:
     judged_mm: Across | None = None
     windows: tuple[Window, ...] = ((64, 64, 64), (32, 32, 32))
     overlap: float = 0.75
+    inner_window: Window | None = None
     scale_mm_px: float = 0.074
     particles_per_pixel: float | None = 0.05
     angle_deg: float = 20.0
@@ -78,6 +81,7 @@ class TwoCamerasSetting:
     judged_mm: Across | None = None
     windows: tuple[Window, ...] = ((64, 64, 72), (32, 32, 36))
     overlap: float = 0.5
+    inner_window: Window | None = None
     camera: str = "29mp"
     voxel_mm: float = 2 * VOXEL_MM[0]
     rays: int = 4000
@@ -124,11 +128,14 @@ def _windows_in(windows: tuple[Window, ...], voxel_mm: float) -> tuple[Window, .
 def matched(light_field: LightFieldSetting) -> TomoSetting:
     """Tomo-PIV of the particles of a light field: the whole width on 2048 px, windows of the same size to an even
     number of voxels."""
+    assert light_field.inner_window is not None
+    *windows, inner = _windows_in((*light_field.windows, light_field.inner_window), MATCHED_SCALE_MM_PX)
     return TomoSetting(
         light_field.volume_mm,
         light_field.judged_mm,
-        _windows_in(light_field.windows, MATCHED_SCALE_MM_PX),
+        tuple(windows),
         light_field.overlap,
+        inner,
         MATCHED_SCALE_MM_PX,
         particles_per_pixel=None,
     )
@@ -173,7 +180,12 @@ TINY = Comparison(
     second_camera(TINY_LIGHT_FIELD),
     TomoSetting(_about_axis(4.8, 4.8, (-2.4, 2.4)), windows=SMALL_WINDOWS, overlap=0.5),
     TomoSetting(
-        TINY_LIGHT_FIELD.volume_mm, windows=SMALL_WINDOWS, overlap=0.5, scale_mm_px=0.05, particles_per_pixel=None
+        TINY_LIGHT_FIELD.volume_mm,
+        windows=SMALL_WINDOWS,
+        overlap=0.5,
+        inner_window=(16, 16, 16),
+        scale_mm_px=0.05,
+        particles_per_pixel=None,
     ),
     jet_at_mm=(0.0, 3.0, 0.0),
 )

@@ -8,7 +8,7 @@ from time import perf_counter, process_time
 from typing import TYPE_CHECKING
 
 import numpy as np
-from comparison_settings import DT_S, LightFieldSetting, TomoSetting, TwoCamerasSetting
+from comparison_settings import DT_S, LightFieldSetting, TomoSetting, TwoCamerasSetting, Window
 from numpy.typing import NDArray
 
 from plenopiv.accuracy import exact_volume
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Frames = tuple[Particles, Particles]
+Setting = LightFieldSetting | TwoCamerasSetting | TomoSetting
 
 
 @dataclass
@@ -44,6 +45,10 @@ class Clock:
     wall_s: dict[str, float] = field(default_factory=dict)
     processor_s: dict[str, float] = field(default_factory=dict)
     _began: tuple[float, float] = field(default_factory=lambda: (perf_counter(), process_time()))
+
+    def continued(self) -> Clock:
+        """A clock of its own that has measured as much and goes on from now."""
+        return Clock(dict(self.wall_s), dict(self.processor_s))
 
     def lap(self, stage: str) -> None:
         """What passed since the last lap belongs to ``stage``."""
@@ -68,6 +73,31 @@ class Measured:
     seen: NDArray[np.bool_]
     candidates: float
     clock: Clock
+
+
+@dataclass(frozen=True)
+class Reconstructed:
+    """Both volumes of a measurement. ``seen``: of a field and half the last window, the windows that are seen; the rest
+    as in ``Measured``."""
+
+    setting: Setting
+    seen: Callable[[xr.Dataset, NDArray[np.float64]], NDArray[np.bool_]]
+    particles: Frames
+    volumes: Sequence[SparseVolume]
+    candidates: float
+    clock: Clock
+
+    def correlated(
+        self, inner_window: Window | None = None, inner_overlap: float = CorrelationSettings.inner_overlap
+    ) -> Measured:
+        """The velocity field, in the setting's windows with or without others in them."""
+        grid, clock = self.setting.grid, self.clock.continued()
+        settings = CorrelationSettings(self.setting.windows, self.setting.overlap, inner_window, inner_overlap)
+        moved = measure(*self.volumes, settings)
+        clock.lap("correlation")
+        field = velocity_dataset(moved, grid, DT_S).isel(time=0)
+        half = 0.5 * np.array(self.setting.windows[-1]) * grid.voxel_mm
+        return Measured(field, self.particles, grid.voxel_mm, half, self.seen(field, half), self.candidates, clock)
 
 
 def camera_of(setting: LightFieldSetting) -> PlenopticCamera:
@@ -128,32 +158,15 @@ def reconstructed_pair(
     return [frame.volume.with_planes_scaled(weight) for frame in frames], frames[0].candidates
 
 
-def measure_exact(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Measured:
-    """The same particles and windows with exact volumes in place of reconstructed ones: what windows of this size find
-    at all."""
+def exact_volumes(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Reconstructed:
+    """The same particles with exact volumes in place of reconstructed ones: what windows find at all."""
     clock, particles = Clock(), seeded(setting, flow, seed)
     volumes = exact_pair(setting, particles, clock)
-    return correlated(setting, seen_by(camera_of(setting)), particles, volumes, volumes[0].occupancy, clock)
+    return Reconstructed(setting, seen_by(camera_of(setting)), particles, volumes, volumes[0].occupancy, clock)
 
 
-def measure_light_field(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Measured:
-    """Simulate, reconstruct and correlate."""
+def reconstruct_light_field(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Reconstructed:
+    """Simulate and reconstruct."""
     clock, particles = Clock(), seeded(setting, flow, seed)
     volumes, candidates = reconstructed_pair(setting, particles, seed, clock)
-    return correlated(setting, seen_by(camera_of(setting)), particles, volumes, candidates, clock)
-
-
-def correlated(
-    setting: LightFieldSetting | TwoCamerasSetting | TomoSetting,
-    seen: Callable[[xr.Dataset, NDArray[np.float64]], NDArray[np.bool_]],
-    particles: Frames,
-    volumes: Sequence[SparseVolume],
-    candidates: float,
-    clock: Clock,
-) -> Measured:
-    """The velocity field of two volumes; ``seen``: of a field and half the last window, the windows that are seen."""
-    moved = measure(*volumes, CorrelationSettings(windows=setting.windows, overlap=setting.overlap))
-    clock.lap("correlation")
-    field = velocity_dataset(moved, setting.grid, DT_S).isel(time=0)
-    half = 0.5 * np.array(setting.windows[-1]) * setting.grid.voxel_mm
-    return Measured(field, particles, setting.grid.voxel_mm, half, seen(field, half), candidates, clock)
+    return Reconstructed(setting, seen_by(camera_of(setting)), particles, volumes, candidates, clock)

@@ -6,8 +6,7 @@ comparison, by three questions:
 - tracks: what perfect tracks of the particles would tell of that mean, by density. The mean of those in the window; the
   value in its middle of a linear fit, which is what a perfect correlation sees; and the mean over it of the smoothest
   field through the nearest tracks (thin plate splines), also around it.
-- windows: what smaller windows that overlap more find, of exact volumes and of LF-PIV, once their vectors are averaged
-  over the paper's window.
+- windows: what windows within the paper's find, of exact volumes and of LF-PIV.
 - beyond: LF-PIV's errors far from focus, by density and by depth of the lit volume.
 """
 
@@ -16,42 +15,31 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
-from comparison_scores import inside_window, score, window_mean, without_gross
-from comparison_settings import DT_S, REDUCED, TARGET_DEPTH_MM, TINY, VOXEL_MM, LightFieldSetting, Window
-from lightfield_case import (
-    Clock,
-    Measured,
-    camera_of,
-    correlated,
-    exact_pair,
-    measure_light_field,
-    reconstructed_pair,
-    seeded,
-    seen_by,
-)
+from comparison_scores import inside_window, score, window_mean
+from comparison_settings import REDUCED, TARGET_DEPTH_MM, TINY, VOXEL_MM, LightFieldSetting, Window
+from lightfield_case import exact_volumes, reconstruct_light_field, seeded
 from numpy.typing import NDArray
 from outputs import command_line, write_numbers
-from scipy.interpolate import RBFInterpolator, RegularGridInterpolator
+from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
 from plenopiv.accuracy import true_displacements
 from plenopiv.simulation.flows import Velocity, flow
-from plenopiv.volume import SparseVolume
 
 Array = NDArray[np.float64]
 NEAREST = 60  # tracks that a smooth field takes account of
 SAMPLES = 4  # of a window along each axis
 DENSITIES = 1.0, 2.0, 4.0, 8.0  # particles per microlens, of tracks
-COARSE: Window = (128, 128, 32)
-FINER: tuple[tuple[tuple[Window, ...], float], ...] = (
-    ((COARSE, (64, 64, 16)), 0.5),
-    ((COARSE, (64, 64, 16)), 0.75),
-    ((COARSE, (64, 64, 16), (48, 48, 12)), 0.5),
-    ((COARSE, (64, 64, 16), (48, 48, 12)), 0.75),
+INNER: tuple[tuple[Window | None, float], ...] = (  # windows within the paper's, and their overlap
+    (None, 0.5),
+    ((48, 48, 12), 0.5),
+    ((48, 48, 12), 0.75),
+    ((40, 40, 10), 0.6),
+    ((32, 32, 8), 0.5),
+    ((32, 32, 8), 0.6),
 )
 BEYOND = (  # particles per microlens, z limits in mm
     (1.0, (-10.0, 10.0)),
@@ -106,46 +94,27 @@ def tracks(setting: LightFieldSetting, jet: Velocity, density: float) -> dict[st
     }
 
 
-def averaged(measured: Measured, at: Array, half: Array) -> Array:
-    """Displacements (n, 3) in mm of the paper's windows about ``at``: the mean over them of the measured field, linear
-    between vectors."""
-    axes = [measured.field[name].values for name in "zyx"]
-    moved = np.stack([measured.field[name].values for name in "uvw"], -1) * 1e3 * DT_S
-    between = RegularGridInterpolator(axes, moved, bounds_error=False, fill_value=None)
-    return mean_over_windows(lambda places: between(places[:, ::-1]), at, half)
-
-
-def finer_windows(setting: LightFieldSetting, jet: Velocity, finer=FINER) -> Iterator[dict[str, Any]]:
-    """Of exact volumes and of LF-PIV, errors by windows and overlap."""
-    half, at = half_window(setting), centres(setting)
-    particles = seeded(setting, jet, 0)
-    mean, _ = window_mean(jet, at, half)
-    volumes: dict[str, list[SparseVolume]] = {
-        "exact": exact_pair(setting, particles, Clock()),
-        "light_field": reconstructed_pair(setting, particles, 0, Clock())[0],
-    }
-    for name, pair in volumes.items():
-        for windows, overlap in finer:
-            now, began = replace(setting, windows=windows, overlap=overlap), perf_counter()
-            measured = correlated(now, seen_by(camera_of(now)), particles, pair, 1.0, Clock())
-            error = averaged(measured, at, half) - mean
-            depth = np.abs(at[:, 2]) + half[2]  # so that a window lies within a band as a whole
-            bands = {"within": depth < TARGET_DEPTH_MM, "all": depth < np.inf}
-            told = {band: without_gross(error[here], np.array(VOXEL_MM)) for band, here in bands.items()}
+def inner_windows(setting: LightFieldSetting, jet: Velocity, inner=INNER) -> Iterator[dict[str, Any]]:
+    """Of exact volumes and of LF-PIV, errors by inner windows and their overlap."""
+    for name, reconstruct in (("exact", exact_volumes), ("light_field", reconstruct_light_field)):
+        pair = reconstruct(setting, jet)
+        for window, overlap in inner:
+            measured = pair.correlated(window, overlap)
+            told, _ = score(measured, jet, setting.judged_mm)
+            kept = ("vectors", "rms_voxel", "gross", "inside_1_std", "inside_2_std")
             yield {
                 "volumes": name,
-                "particles_per_microlens": setting.particles_per_microlens,
-                "window": windows[-1],
+                "inner_window": window,
                 "overlap": overlap,
-                "correlation_s": round(perf_counter() - began, 1),
-                **{band: {"rms_voxel": rms(left), "gross": gross} for band, (gross, left) in told.items()},
+                "correlation_s": measured.clock.processor_s["correlation"],
+                "bands": {band: {key: e[key] for key in kept} for band, e in told["errors"]["window_mean"].items()},
             }
 
 
 def beyond(setting: LightFieldSetting, jet: Velocity, density: float, z_mm: tuple[float, float]) -> dict[str, Any]:
     """LF-PIV's errors by depth, and by smooth flow, with another density or depth of the lit volume."""
     now = replace(setting, particles_per_microlens=density, volume_mm=(*setting.volume_mm[:2], z_mm))
-    told, _ = score(measure_light_field(now, jet), jet, now.judged_mm)
+    told, _ = score(reconstruct_light_field(now, jet).correlated(), jet, now.judged_mm)
     bands = told["errors"]["window_mean"]
     kept = {band: {key: e[key] for key in ("vectors", "rms_voxel", "gross")} for band, e in bands.items()}
     return {"particles_per_microlens": density, "z_mm": z_mm, "candidates": told["candidates"], "bands": kept}
@@ -160,8 +129,8 @@ def main(out: Path, reduced: bool) -> None:
     for density in (own,) if reduced else DENSITIES:
         found["tracks"].append(tracks(light_field, jet, density))
         print(found["tracks"][-1], flush=True)
-    finer = ((light_field.windows, 0.5),) if reduced else FINER
-    for line in finer_windows(light_field, jet, finer):
+    inner = INNER[:1] if reduced else INNER
+    for line in inner_windows(light_field, jet, inner):
         found["windows"].append(line)
         print(line, flush=True)
     for density, z_mm in ((own, light_field.volume_mm[2]),) if reduced else BEYOND:

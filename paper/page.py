@@ -129,23 +129,22 @@ def needed_tracks() -> str:
     return table(("ppm", "tracks in a window", "their mean", "their linear fit", "smoothest field"), rows)
 
 
-VOLUMES = {"exact": "exact volumes", "light_field": "LF-PIV"}
-
-
 def needed_windows() -> str:
-    """What windows find, averaged over the paper's window."""
-    found: dict[tuple[Any, ...], dict[tuple[str, float], str]] = {}
+    """What windows within the paper's find."""
+    found: dict[tuple[str, str], dict[str, Any]] = {}
     for line in results("needed")["windows"]:
-        errors = " / ".join(f"{v:.3f}" for v in line["within"]["rms_voxel"])
-        column = line["volumes"], line["particles_per_microlens"]
-        found.setdefault((*line["window"], line["overlap"]), {})[column] = errors
-    columns = sorted({column for errors in found.values() for column in errors}, key=lambda c: (c[1], c[0]))
-    head = ("last window, overlap", *(f"{VOLUMES[name]}, {density:g} ppm" for name, density in columns))
+        window = "none" if line["inner_window"] is None else " x ".join(map(str, line["inner_window"]))
+        found.setdefault((window, f"{100 * line['overlap']:.0f} %"), {})[line["volumes"]] = line
     rows = []
-    for (*window, overlap), errors in found.items():
-        size = " x ".join(map(str, window))
-        rows.append((f"{size}, {100 * overlap:.0f} %", *(errors.get(column, "") for column in columns)))
-    return table(head, rows)
+    for (window, overlap), lines in found.items():
+        light = lines["light_field"]
+        bands = [lines["exact"]["bands"]["within"], *(light["bands"][band] for band in ("within", "within, smooth"))]
+        errors = (" / ".join(f"{v:.3f}" for v in band["rms_voxel"]) for band in (*bands, light["bands"]["beyond"]))
+        inside = (" / ".join(f"{100 * v:.0f}" for v in bands[1][f"inside_{n}_std"]) for n in (1, 2))
+        cost = f"{light['correlation_s']:.0f}"
+        rows.append((window if window == "none" else f"{window}, {overlap}", *errors, ", ".join(inside), cost))
+    head = ("inner windows, overlap", "exact volumes", "LF-PIV", "LF-PIV, smooth flow", "LF-PIV beyond 6 mm")
+    return table((*head, "within 1, 2 std, %", "processor s"), rows)
 
 
 def needed_beyond() -> str:

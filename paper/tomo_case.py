@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from comparison_settings import DT_S, TomoSetting
-from lightfield_case import Clock, Frames, Measured, correlated
+from lightfield_case import Clock, Frames, Reconstructed
 from numpy.typing import NDArray
 
 from plenopiv.calibration.pinhole_fit import calibrate_pinhole
@@ -103,8 +103,10 @@ def windows_seen(cameras: list[PinholeCamera], field: xr.Dataset, half_mm: NDArr
     return seen
 
 
-def measure_tomo(setting: TomoSetting, flow: Velocity, particles: Frames | None = None, seed: int = 0) -> Measured:
-    """Simulate, calibrate, reconstruct and correlate. ``particles``: those of a light field instead of its own."""
+def reconstruct_tomo(
+    setting: TomoSetting, flow: Velocity, particles: Frames | None = None, seed: int = 0
+) -> Reconstructed:
+    """Simulate, calibrate and reconstruct. ``particles``: those of a light field instead of its own."""
     clock, rng = Clock(), np.random.default_rng(seed + 2)
     a, b = seeded(setting, flow, rng) if particles is None else as_bright(particles)
     true_cameras = cameras_of(setting)
@@ -121,4 +123,4 @@ def measure_tomo(setting: TomoSetting, flow: Velocity, particles: Frames | None 
         frames.append(reconstruct_tomography(counts, projector, TomographySettings()))
         clock.lap("reconstruction")
     volumes = [frame.volume for frame in frames]
-    return correlated(setting, partial(windows_seen, true_cameras), (a, b), volumes, frames[0].candidates, clock)
+    return Reconstructed(setting, partial(windows_seen, true_cameras), (a, b), volumes, frames[0].candidates, clock)

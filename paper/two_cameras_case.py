@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from comparison_settings import TwoCamerasSetting
-from lightfield_case import Clock, Frames, Measured, correlated, windows_seen
+from lightfield_case import Clock, Frames, Reconstructed, windows_seen
 from numpy.typing import NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
@@ -55,8 +55,8 @@ def images_of(
     return out
 
 
-def measure_two_cameras(setting: TwoCamerasSetting, particles: Frames, seed: int = 0) -> Measured:
-    """Simulate, reconstruct and correlate. The lattices and where the cameras stand are known."""
+def reconstruct_by_two(setting: TwoCamerasSetting, particles: Frames, seed: int = 0) -> Reconstructed:
+    """Simulate and reconstruct. The lattices and where the cameras stand are known."""
     clock, cameras, settings = Clock(), cameras_of(setting), ReconstructionSettings(focus_reach=0.0)
     layouts = [layout(camera) for camera in cameras]
     projectors = [
@@ -71,4 +71,4 @@ def measure_two_cameras(setting: TwoCamerasSetting, particles: Frames, seed: int
         frames.append(reconstruct_around(fields, around, settings, counts_per_electron=NOISE.gain))
         clock.lap("reconstruction")
     volumes = [frame.volume for frame in frames]
-    return correlated(setting, partial(both_see, cameras), particles, volumes, frames[0].candidates, clock)
+    return Reconstructed(setting, partial(both_see, cameras), particles, volumes, frames[0].candidates, clock)

@@ -163,7 +163,7 @@ def test_replaced_vectors_are_less_certain_where_the_flow_bends():
     valid = np.ones(grid.shape, bool)
     valid[2, 2, 2] = False
     std = standard_deviation(d, valid, np.full(d.shape, 0.01**2), grid, CUBES)
-    gain, _ = iteration_gain(grid, CUBES)
+    gain, *_ = iteration_gain(grid, CUBES)
     q = 0.003 * 32**2 / 12
     assert std[0, 2, 2, 3] == pytest.approx(np.hypot(0.01 * gain**0.5, q))
     assert std[1, 2, 2, 2] == pytest.approx(0.01 * gain**0.5)

@@ -116,6 +116,9 @@ MISTAKES = [
     ("correlation.windows", [[64, 64, 16], [128, 128, 32]], "coarse to fine"),
     ("correlation.windows", [[64, 64, 128]], "128 voxels along z do not fit into a volume of 104"),
     ("correlation.overlap", 1.0, "correlation.overlap: 1.0 is out of range"),
+    ("correlation.inner_window", [96, 40, 10], "correlation.inner_window: [96, 40, 10] is larger than the last"),
+    ("correlation.inner_window", [40, 40], "correlation.inner_window: has too few entries"),
+    ("correlation.inner_overlap", 0.95, "correlation.inner_overlap: 0.95 is out of range"),
     ("simulation", {}, "simulation.flow: missing"),
 ]
 
@@ -261,6 +264,14 @@ def test_correlation_settings_carry_the_keys():
     settings = Experiment.from_dict(tables).correlation.settings()
     assert settings.smoothing_voxels == 1.25
     assert settings.windows == ((128, 128, 32), (64, 64, 16))
+    assert settings.inner_window is None
+
+
+def test_an_inner_window_is_kept_in_what_is_written_back():
+    tables = changed("correlation.inner_window", [40, 40, 10])
+    experiment = Experiment.from_dict(tables)
+    assert experiment.correlation.settings().passes[-1] == ((40, 40, 10), 0.6)
+    assert Experiment.from_dict(tomllib.loads(experiment.dump_toml())).correlation == experiment.correlation
 
 
 def test_coverage_agrees_with_tracing_every_ray():

@@ -2,13 +2,14 @@
 
 import pytest
 
+from plenopiv.displacement.settings import CorrelationSettings, Pass
 from plenopiv.run.duration import estimate, spoken
 
-WINDOWS = [(32, 32, 16)] * 2
+PASSES = [Pass((32, 32, 16), 0.5)] * 2
 
 
 def guess(experiment, **changes):
-    settings = {"rounds": 5, "windows": WINDOWS, "overlap": 0.5, "threads": 2} | changes
+    settings = {"rounds": 5, "passes": PASSES, "threads": 2} | changes
     return estimate(experiment.camera(), experiment.grid(), **settings)
 
 
@@ -16,8 +17,13 @@ def test_what_takes_longer(experiment):
     usual = guess(experiment)
     assert usual.frame > guess(experiment, rounds=3).frame > guess(experiment, rounds=1).frame
     assert guess(experiment, every_voxel=True).frame > usual.frame
-    assert guess(experiment, windows=WINDOWS * 2).pair == pytest.approx(2 * usual.pair)
-    assert guess(experiment, overlap=0.75).pair > usual.pair
+    assert guess(experiment, passes=PASSES * 2).pair == pytest.approx(2 * usual.pair)
+    assert guess(experiment, passes=[Pass((32, 32, 16), 0.75)] * 2).pair > usual.pair
+    windows, inner = (
+        CorrelationSettings(((32, 32, 16),)),
+        CorrelationSettings(((32, 32, 16),), inner_window=(20, 20, 10)),
+    )
+    assert guess(experiment, passes=inner.passes).pair > guess(experiment, passes=windows.passes).pair
     one = guess(experiment, threads=1)
     assert (one.frame, one.pair) == pytest.approx((2 * usual.frame, 2 * usual.pair))
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.agreement import agreement
+from plenopiv.displacement.averaging import averaged
 from plenopiv.displacement.correlation import Windows
 from plenopiv.displacement.deformation import SPLINE_VARIANCE, DeformedPlanes
 from plenopiv.displacement.field import DisplacementField
@@ -195,7 +196,7 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
             f"correlation: the volumes differ in grid: {a.grid} and {b.grid}; reconstruct both on the same one"
         )
     shape = a.grid.shape
-    plan = [window_grid(shape, size, settings.overlap) for size in settings.passes]
+    plan = [window_grid(shape, *each) for each in settings.passes]
     a, b = (compressed(volume, settings.intensity_exponent) for volume in (a, b))
     predictor: SplineField | None = None
     for number, windows in enumerate(plan, 1):
@@ -208,13 +209,18 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
             result = correlation_pass(a, b, windows, predictor, settings, search, report, scatter)
         valid, displacement = _validated(result, settings)
         if number < len(plan):
-            smooth = smooth_predictor(displacement, settings.overlap) if settings.filter_predictor else displacement
+            overlap = settings.passes[number - 1].overlap
+            smooth = smooth_predictor(displacement, overlap) if settings.filter_predictor else displacement
             predictor = fit_spline(smooth, windows.centres, shape)
     _warn_if_far(displacement, valid, settings)
     assert result.variance is not None
-    std = standard_deviation(displacement, valid, result.variance, plan[-1], settings)
-    z, y, x = plan[-1].centres
-    return DisplacementField(z, y, x, displacement, result.displacement, valid, result.peak_ratio, std)
+    whole = None if settings.inner_window is None else window_grid(shape, settings.windows[-1], settings.overlap)
+    std = standard_deviation(displacement, valid, result.variance, plan[-1], settings, whole)
+    found = displacement, result.displacement, valid, result.peak_ratio
+    if whole is not None:
+        found = averaged(*found, plan[-1], whole)
+    z, y, x = (whole or plan[-1]).centres
+    return DisplacementField(z, y, x, *found, std)
 
 
 def _validated(result: PassResult, settings: CorrelationSettings) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:

@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from plenopiv.errors import PlenoPIVError
 
 Size = tuple[int, int, int]
+
+
+class Pass(NamedTuple):
+    """One look at both volumes: its windows' sides along x, y, z in voxels, and their overlap."""
+
+    window: Size
+    overlap: float
 
 
 @dataclass(frozen=True)
@@ -14,7 +22,10 @@ class CorrelationSettings:
     """Multi-grid cross-correlation with window deformation; lengths in voxels, sizes along x, y, z.
 
     ``windows``: interrogation windows, coarse to fine. ``overlap``: share of a window that the next one covers again.
-    ``coarse_passes``, ``fine_passes``: passes with each coarse window size and with the last one. All but the very
+    ``inner_window``: windows, smaller than the last of ``windows``, that find what moves within it; its vector is then
+    the mean of theirs over it (``displacement.averaging``). ``inner_overlap``: theirs. None: the last of ``windows``
+    find the vectors themselves.
+    ``coarse_passes``, ``fine_passes``: passes with each coarse window size and with the finest one. All but the very
     first pass deform the volumes by the displacement known so far.
     ``smoothing_voxels``: sigma of the Gaussian that both volumes see before correlation; blobs of one or two voxels
     lock peaks to whole voxels without it. Deformed volumes never see less than 0.58, the sigma of the spline.
@@ -25,8 +36,8 @@ class CorrelationSettings:
     ``agreement``: in deformed volumes each place counts by how far both show the same light there, to this power, so
     that ghosts and lost particles count less (``displacement.agreement``). 0 lets all count alike; more is for flows
     that change little across a window, as it holds on to the displacement of the pass before.
-    ``search``: largest displacement that a pass may find, as a share of the window along each axis; the last window
-    size looks for what remains within ``residual_search``.
+    ``search``: largest displacement that a pass may find, as a share of the window along each axis; the finest
+    windows look for what remains within ``residual_search``.
     ``outlier_threshold``, ``outlier_floor_voxels``: normalised median test, Westerweel & Scarano (2005): a vector is
     an outlier when it differs from the median of its neighbours by more than threshold x (median residual + floor).
     ``filter_predictor``: whether the displacement that deforms the volumes passes a filter that removes what alternates
@@ -37,6 +48,8 @@ class CorrelationSettings:
 
     windows: tuple[Size, ...] = ((128, 128, 32), (64, 64, 16))
     overlap: float = 0.5
+    inner_window: Size | None = None
+    inner_overlap: float = 0.6
     coarse_passes: int = 1
     fine_passes: int = 3
     smoothing_voxels: float = 0.8
@@ -51,10 +64,13 @@ class CorrelationSettings:
     filter_predictor: bool = True
 
     @property
-    def passes(self) -> list[Size]:
-        """The window of each pass in turn."""
-        coarse = [window for window in self.windows[:-1] for _ in range(self.coarse_passes)]
-        return [*coarse, *[self.windows[-1]] * self.fine_passes]
+    def passes(self) -> list[Pass]:
+        """All passes in turn."""
+        sizes = [Pass(window, self.overlap) for window in self.windows]
+        if self.inner_window is not None:
+            sizes.append(Pass(self.inner_window, self.inner_overlap))
+        coarse = [size for size in sizes[:-1] for _ in range(self.coarse_passes)]
+        return [*coarse, *[sizes[-1]] * self.fine_passes]
 
     def __post_init__(self) -> None:
         if not self.windows or any(len(w) != 3 or min(w) < 8 for w in self.windows):
@@ -66,8 +82,19 @@ class CorrelationSettings:
                 raise PlenoPIVError(
                     f"correlation.windows: {list(fine)} follows {list(coarse)}; sort them coarse to fine"
                 )
+        if self.inner_window is not None:
+            if len(self.inner_window) != 3 or min(self.inner_window) < 8:
+                raise PlenoPIVError(
+                    f"correlation.inner_window: {list(self.inner_window)}: give a size [x, y, z] of 8 voxels or more"
+                )
+            if any(n > c for n, c in zip(self.inner_window, self.windows[-1], strict=True)):
+                raise PlenoPIVError(
+                    f"correlation.inner_window: {list(self.inner_window)} is larger than the last of "
+                    f"correlation.windows, {list(self.windows[-1])}; it finds what moves within that"
+                )
         ranges = {
             "overlap": (0.0, 0.9),
+            "inner_overlap": (0.0, 0.9),
             "coarse_passes": (1, 20),
             "fine_passes": (1, 20),
             "smoothing_voxels": (0.0, 4.0),

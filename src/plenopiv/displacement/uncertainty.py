@@ -15,6 +15,9 @@ Three parts; only the threshold of the third was chosen by coverage, which docs/
 
     std^2 = K s^2 + (q^2 where q^2 > 4 c K s^2)
 
+Where vectors are means of inner windows' (``averaging``), so are their variances: noise falls by what the mean passes
+of its waves, and of the mean q^2 a quarter is left, also by coverage.
+
 What both frames get wrong alike (light without depth near focus, calibration) no part can see.
 """
 
@@ -24,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from plenopiv.displacement.averaging import mean_over, mean_weights
 from plenopiv.displacement.correlation import Spectra, WindowCorrelator, fade
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.predictor import smooth_predictor
@@ -36,6 +40,7 @@ _BLOCKS = 4  # along each axis
 _THINNEST = (12, 4, 4)  # along z, y, x, voxels: longer than a particle; fewer blocks where they would be thinner
 _NEIGHBOURS = 26  # vectors whose variance a replaced one takes; as many as its value is fitted to
 _MEAN_SQUARE_STEPS = 26 / (6 + 12 / 2 + 8 / 3)  # <r^2> of the 26 neighbours weighted by r^-2, in steps^2
+_BENT = 0.25  # of inner windows' mean q^2, in the variance of their mean
 _SIGNIFICANT = 2.0  # standard deviations of its noise from which a curvature is taken for real
 _WAVES = 32  # wave numbers along each axis
 _ALIASES = 4
@@ -147,20 +152,25 @@ def jackknife_variance(sums, untilt, variance):
             variance[w, axis] = (blocks - 1) / blocks * (square - blocks * mean * mean)
 
 
-def iteration_gain(windows: WindowGrid, settings: CorrelationSettings) -> tuple[float, float]:
-    """K and c: growth of the variance of a correlation by iterated deformation, and the share of it in curvature.
+def iteration_gain(
+    windows: WindowGrid, settings: CorrelationSettings, whole: WindowGrid | None = None
+) -> tuple[float, float, float]:
+    """K, c and m: growth of the variance of a correlation by iterated deformation, the share of it in curvature, and
+    the share that is left in the mean over ``whole`` windows of vectors of ``windows`` (1 without them).
 
     Noise n of one correlation is white under a window's average W. With the predictor p = F d of a pass (F the filter
     between passes) the next one finds d = p + (n - C p), C what windows see of the spline through p; so after m passes
 
         d = G n,  G = sum_{j < m} (F (1 - C))^j,   K = <|W|^2 G^2> / <|W|^2>,   c K = <|W|^2 G^2 Q^2> / <|W|^2>
 
-    over all waves that the vectors sample (Schrijer & Scarano 2008 treat the same loop). Q is the
-    response of ``curvature``. W: of the square of the tapered window along each axis, aliases folded.
+    over all waves that the vectors sample (Schrijer & Scarano 2008 treat the same loop). Q is the response of
+    ``curvature``; m is as c, with the response of the mean in its place. W: of the square of the tapered window along
+    each axis, aliases folded.
     """
     q = 2 * np.pi * np.fft.fftfreq(_WAVES)  # radians per vector
-    noise, seen, bend = [], [], []
-    for size, step, stride in zip(windows.size, windows.step, _strides(windows), strict=True):
+    noise, seen, bend, mean = [], [], [], []
+    of_mean = windows.size if whole is None else whole.size
+    for size, step, stride, wide in zip(windows.size, windows.step, _strides(windows), of_mean, strict=True):
         k = q[:, None] + 2 * np.pi * np.arange(-_ALIASES, _ALIASES + 1)
         weight, place = fade(size, settings.taper_voxels) ** 2, (np.arange(size) - (size - 1) / 2) / step
         average = (np.cos(k[..., None] * place) @ weight) / weight.sum()
@@ -168,11 +178,13 @@ def iteration_gain(windows: WindowGrid, settings: CorrelationSettings) -> tuple[
         noise.append((average**2).sum(1))
         seen.append((spline * average).sum(1) / spline.sum(1))
         bend.append((2 * np.cos(stride * q) - 2) * _bend(size, step, stride))
+        voxels = (np.arange(wide) - (wide - 1) / 2) / step
+        mean.append((np.cos(k[..., None] * voxels).mean(-1) * np.sinc(k / (2 * np.pi)) ** 2).sum(1) ** 2)
     impulse = np.zeros((1, *(_WAVES,) * 3))
     impulse[0, 0, 0, 0] = 1.0
     impulse = np.roll(impulse, (_WAVES // 2,) * 3, (1, 2, 3))
     if settings.filter_predictor:
-        impulse = smooth_predictor(impulse, settings.overlap)
+        impulse = smooth_predictor(impulse, settings.passes[-1].overlap)
     passed = np.abs(np.fft.fftn(impulse[0]))
     z, y, x = np.ix_(*(np.arange(_WAVES),) * 3)
     power = noise[0][z] * noise[1][y] * noise[2][x]
@@ -180,7 +192,11 @@ def iteration_gain(windows: WindowGrid, settings: CorrelationSettings) -> tuple[
     growth = sum(kept**j for j in range(settings.fine_passes)) ** 2
     response = (bend[0][z] + bend[1][y] + bend[2][x]) ** 2
     gain = (power * growth).sum()
-    return float(gain / power.sum()), float((power * growth * response).sum() / gain)
+    bent = float((power * growth * response).sum() / gain)
+    if whole is None:
+        return float(gain / power.sum()), bent, 1.0
+    left = mean[0][z] * mean[1][y] * mean[2][x]
+    return float(gain / power.sum()), bent, float((power * growth * left).sum() / gain)
 
 
 def curvature(displacement: NDArray[np.float64], windows: WindowGrid) -> NDArray[np.float64]:
@@ -205,26 +221,31 @@ def standard_deviation(
     variance: NDArray[np.float64],
     windows: WindowGrid,
     settings: CorrelationSettings,
+    whole: WindowGrid | None = None,
 ) -> NDArray[np.float64]:
-    """Standard deviation (3, nz, ny, nx) of ``displacement`` (same shape), in voxels; finite everywhere.
+    """Standard deviation (3, nz, ny, nx) of ``displacement`` (same shape), in voxels; finite everywhere. With
+    ``whole``: of its mean over those windows, one for each of them.
 
     ``variance``: of one correlation, from ``ScatterCorrelator``. A replaced vector (``valid`` False) has no particles
     of its own to ask. It takes the means of the 26 nearest valid ones, whose linear fit its value is, with q enlarged:
     with neighbours all around, a fit weighted by r^-2 is off by <r^2>/6 = 0.30 squared steps of d''_x + d''_y + d''_z.
     """
-    gain, share = iteration_gain(windows, settings)
+    gain, share, left = iteration_gain(windows, settings, whole)
     noise = gain * variance
     bend = curvature(displacement, windows) ** 2
     bend = np.where(bend > _SIGNIFICANT**2 * share * noise, bend, 0.0)
-    out = noise + bend
+    out = np.stack([noise, bend])
     if not valid.all():
         known, missing = np.argwhere(valid), np.argwhere(~valid)
         near = [*range(1, min(_NEIGHBOURS, len(known)) + 1)]
         _, index = cKDTree(known).query(missing, k=near)
         steps = np.mean(np.square(windows.step) / np.square(windows.size))
         off = (1 + 24 * _MEAN_SQUARE_STEPS / 6 * steps) ** 2
-        out[:, ~valid] = (noise + off * bend)[:, valid][:, index].mean(-1)
-    return np.sqrt(out)
+        out[:, :, ~valid] = np.stack([noise, off * bend])[:, :, valid][:, :, index].mean(-1)
+    if whole is not None:
+        weights = mean_weights(whole, windows, straight_on=False)
+        out = np.stack([left * mean_over(out[0], weights), _BENT * mean_over(out[1], weights)])
+    return np.sqrt(out.sum(0))
 
 
 def _strides(windows: WindowGrid) -> list[int]:

@@ -177,6 +177,8 @@ class CorrelationTable(Table):
 
     windows: Annotated[tuple[Window, ...], Field(strict=False, min_length=1)]
     overlap: float = CorrelationSettings.overlap
+    inner_window: Window | None = CorrelationSettings.inner_window
+    inner_overlap: float = CorrelationSettings.inner_overlap
     coarse_passes: int = CorrelationSettings.coarse_passes
     fine_passes: int = CorrelationSettings.fine_passes
     smoothing_voxels: float = CorrelationSettings.smoothing_voxels

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from math import pi, prod
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.settings import CorrelationSettings, Pass
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.volume import VoxelGrid
 
@@ -46,22 +46,21 @@ def estimate(
     grid: VoxelGrid,
     *,
     rounds: int,
-    windows: Iterable[tuple[int, int, int]],
-    overlap: float,
+    passes: Iterable[Pass],
     threads: int,
     every_voxel: bool = False,
 ) -> TimeEstimate:
-    """Estimate the time of a run. ``windows``: of each pass in turn, voxels along x, y, z."""
+    """Estimate the time of a run."""
     pixels = camera.microlenses * pi * camera.aperture_radius_px**2 * grid.shape[0]  # as often as there are planes
     frame = rounds * READ * pixels + VOXEL * grid.size
     frame += rounds * EVERY_VOXEL * grid.size if every_voxel else TRACE * pixels
-    return TimeEstimate(frame / threads, correlation_s(grid, windows, overlap) / threads)
+    return TimeEstimate(frame / threads, correlation_s(grid, passes) / threads)
 
 
-def correlation_s(grid: VoxelGrid, windows: Iterable[tuple[int, int, int]], overlap: float) -> float:
+def correlation_s(grid: VoxelGrid, passes: Iterable[Pass]) -> float:
     """Seconds of one core for a pair's passes."""
     pair = 0.0
-    for window in windows:
+    for window, overlap in passes:
         along = zip(grid.shape[::-1], window, strict=True)
         count = prod(max(1, (total - n) // max(1, round(n * (1 - overlap))) + 1) for total, n in along)
         pair += WINDOW * count * prod(window)
@@ -80,8 +79,7 @@ def of_settings(
         camera,
         grid,
         rounds=reconstruction.iterations,
-        windows=correlation.passes,
-        overlap=correlation.overlap,
+        passes=correlation.passes,
         threads=threads,
         every_voxel=reconstruction.method == "mart",
     )

@@ -106,6 +106,7 @@ def cropped(experiment: Experiment) -> tuple[Sensor, dict[str, Any]]:
     tables["correlation"]["windows"] = _windows(
         experiment.correlation.windows, (limits[0], limits[1], volume.z_mm), voxel
     )
+    tables["correlation"].pop("inner_window", None)
     tables["correlation"]["fine_passes"] = min(FINE_PASSES, experiment.correlation.fine_passes)
     tables["output"]["directory"] = ".."
     tables.pop("simulation", None)
