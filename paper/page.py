@@ -151,11 +151,12 @@ def needed_beyond() -> str:
     """LF-PIV far from focus, by density and lit depth."""
     rows = []
     for line in results("needed")["beyond"]:
-        low, high = line["z_mm"]
+        (low, high), inner = line["z_mm"], line["inner_window"]
         bands = (line["bands"].get(band) for band in ("4-6 mm", "6-8 mm", "8-10 mm"))
         errors = ("" if band is None else " / ".join(f"{v:.3f}" for v in band["rms_voxel"]) for band in bands)
-        rows.append((f"{line['particles_per_microlens']:g}", f"{low:g} to {high:g}", *errors))
-    return table(("ppm", "lit, z in mm", "4 to 6 mm", "6 to 8 mm", "8 to 10 mm"), rows)
+        window = "none" if inner is None else " x ".join(map(str, inner))
+        rows.append((f"{line['particles_per_microlens']:g}", f"{low:g} to {high:g}", window, *errors))
+    return table(("ppm", "lit, z in mm", "inner windows", "4 to 6 mm", "6 to 8 mm", "8 to 10 mm"), rows)
 
 
 def fill(text: str, name: str, content: str) -> str:

@@ -44,9 +44,11 @@ def test_more_tracks_tell_more_of_the_jet():
 def test_all_three_are_written(tmp_path):
     needed.main(tmp_path, reduced=True)
     found = json.loads((tmp_path / "paper/results/needed.json").read_text())
-    assert [len(found[name]) for name in ("tracks", "windows", "beyond")] == [1, 2, 1]
+    assert [len(found[name]) for name in ("tracks", "windows", "beyond")] == [1, 2, 2]
     exact, light_field = found["windows"]
     assert (exact["volumes"], light_field["volumes"]) == ("exact", "light_field")
     for line in found["windows"]:
         assert 0 < line["bands"]["all"]["rms_voxel"][0] < 2
-    assert found["beyond"][0]["z_mm"] == list(SETTING.volume_mm[2])
+    for line, inner in zip(found["beyond"], (None, list(SETTING.inner_window)), strict=True):
+        assert line["z_mm"] == list(SETTING.volume_mm[2])
+        assert line["inner_window"] == inner
