@@ -5,9 +5,10 @@ import pytest
 
 from plenopiv.displacement.averaging import averaged, mean_weights
 from plenopiv.displacement.correlation import fade
+from plenopiv.displacement.growth import growth
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
-from plenopiv.displacement.uncertainty import iteration_gain, standard_deviation
+from plenopiv.displacement.uncertainty import standard_deviation
 from plenopiv.displacement.windows import window_grid
 from plenopiv.errors import PlenoPIVError
 
@@ -76,28 +77,55 @@ def test_where_most_inside_is_an_outlier_the_window_is_replaced_and_its_raw_vect
     np.testing.assert_allclose(as_measured[:, measured], 1.0)
 
 
-def test_noise_left_in_a_mean_is_that_of_white_noise_averaged_twice():
-    """One pass: a vector is the noise under its tapered window; the mean over a whole window is that of vectors."""
-    inner, whole = window_grid((96,) * 3, (16,) * 3, 0.5), window_grid((96,) * 3, (32,) * 3, 0.5)
+@pytest.mark.parametrize("depth", [16, 40, 96])
+def test_noise_left_in_means_is_that_of_white_noise_averaged_twice(depth):
+    """One pass: a vector is the noise under its tapered window. At the faces, where vectors are continued straight on,
+    and where one or two lie above one another, too."""
+    shape = (depth, 64, 80)
+    inner, whole = window_grid(shape, (16,) * 3, 0.5), window_grid(shape, (32, 32, min(depth, 32)), 0.5)
     settings = CorrelationSettings(windows=((32,) * 3,), inner_window=(16,) * 3, inner_overlap=0.5, fine_passes=1)
-    _, _, left = iteration_gain(inner, settings, whole)
+    means = mean_weights(whole, inner, True)
     weight = fade(16, settings.taper_voxels) ** 2
-    axis = np.zeros((inner.shape[0], 96))
-    for n, start in enumerate(inner.starts[0]):
-        axis[n, start : start + 16] = weight / weight.sum()
-    middle = mean_weights(whole, inner, True)[0][2] @ axis  # of a window away from the faces, along one axis
-    one = (axis[2] ** 2).sum()
-    assert left == pytest.approx(((middle**2).sum() / one) ** 3, rel=0.05)
+    expected = []
+    for total, starts, rows in zip(shape, inner.starts, means, strict=True):
+        seen = np.zeros((len(starts), total))
+        for n, start in enumerate(starts):
+            seen[n, start : start + 16] = weight / weight.sum()
+        expected.append(((rows @ seen) ** 2).sum(1) / (seen[0] ** 2).sum())
+    left = growth(inner, settings).left(means)
+    np.testing.assert_allclose(left, np.einsum("z,y,x->zyx", *expected), rtol=0.02)
 
 
-def test_a_uniform_variance_is_what_is_left_of_it():
+def test_more_passes_leave_less_in_a_mean():
+    """What iteration adds are short waves."""
     inner, whole = window_grid((64,) * 3, (20,) * 3, 0.6), window_grid((64,) * 3, (32,) * 3, 0.5)
-    still, variance = np.zeros((3, *inner.shape)), np.full((3, *inner.shape), 0.04)
-    gain, _, left = iteration_gain(inner, RESOLVED, whole)
-    std = standard_deviation(still, np.ones(inner.shape, bool), variance, inner, RESOLVED, whole)
-    assert std.shape == (3, *whole.shape)
-    np.testing.assert_allclose(std, np.sqrt(gain * left * 0.04))
-    assert 0 < left < 0.5
+    means, left = mean_weights(whole, inner, True), []
+    for passes in (1, 2, 3):
+        grown = growth(inner, CorrelationSettings(((32,) * 3,), inner_window=(20,) * 3, fine_passes=passes))
+        left.append(grown.left(means))
+        assert (left[-1] * grown.gain).max() < 1
+    assert (left[0] > left[1]).all()
+    assert (left[1] > left[2]).all()
+
+
+def test_error_bars_of_means():
+    inner, whole = window_grid((64,) * 3, (20,) * 3, 0.6), window_grid((64,) * 3, (32,) * 3, 0.5)
+    still, variance, valid = np.zeros((3, *inner.shape)), np.full((3, *inner.shape), 0.04), np.ones(inner.shape, bool)
+    grown = growth(inner, RESOLVED)
+    left = grown.left(mean_weights(whole, inner, True))
+    std = standard_deviation(still, valid, variance, inner, RESOLVED, whole)
+    np.testing.assert_allclose(std, np.broadcast_to(np.sqrt(grown.gain * left * 0.04), std.shape))
+    assert left[1, 1, 1] < left[0, 0, 0] < 0.7  # at a corner the outermost vectors count most
+
+    bent = 0.05 * np.array(np.meshgrid(*inner.centres, indexing="ij"))[2] ** 2
+    q = 0.05 * 20**2 / 12
+    of_bent = standard_deviation(bent[None].repeat(3, 0), valid, variance, inner, RESOLVED, whole)
+    np.testing.assert_allclose(of_bent**2 - std**2, 0.25 * q**2)
+
+    valid[:3, :3, :3] = False
+    replaced = standard_deviation(still, valid, variance, inner, RESOLVED, whole)
+    np.testing.assert_allclose(replaced[:, 0, 0, 0], np.sqrt(grown.gain * 0.04))
+    np.testing.assert_allclose(replaced[:, 1:], std[:, 1:])
 
 
 def wave(p):

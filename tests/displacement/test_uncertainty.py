@@ -9,13 +9,13 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from plenopiv.displacement.correlation import Windows
+from plenopiv.displacement.growth import growth
 from plenopiv.displacement.multigrid import correlation_pass, measure
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.uncertainty import (
     ScatterCorrelator,
     curvature,
-    iteration_gain,
     jackknife_variance,
     standard_deviation,
 )
@@ -88,11 +88,11 @@ def test_jackknife_of_blocks_that_agree_is_zero():
 
 def test_one_pass_does_not_amplify_and_more_converge():
     grid = window_grid((128, 128, 128), (32, 32, 32), 0.5)
-    gains = [iteration_gain(grid, CorrelationSettings(fine_passes=n))[0] for n in (1, 2, 3, 12, 14)]
+    gains = [growth(grid, CorrelationSettings(fine_passes=n)).gain for n in (1, 2, 3, 12, 14)]
     assert gains[0] == pytest.approx(1.0)
     assert all(a < b for a, b in pairwise(gains))
     assert gains[4] - gains[3] < 0.01
-    unfiltered = iteration_gain(grid, CorrelationSettings(filter_predictor=False))[0]
+    unfiltered = growth(grid, CorrelationSettings(filter_predictor=False)).gain
     assert unfiltered > gains[2]
 
 
@@ -163,7 +163,7 @@ def test_replaced_vectors_are_less_certain_where_the_flow_bends():
     valid = np.ones(grid.shape, bool)
     valid[2, 2, 2] = False
     std = standard_deviation(d, valid, np.full(d.shape, 0.01**2), grid, CUBES)
-    gain, *_ = iteration_gain(grid, CUBES)
+    gain = growth(grid, CUBES).gain
     q = 0.003 * 32**2 / 12
     assert std[0, 2, 2, 3] == pytest.approx(np.hypot(0.01 * gain**0.5, q))
     assert std[1, 2, 2, 2] == pytest.approx(0.01 * gain**0.5)

@@ -50,6 +50,11 @@ def mean_over(values: NDArray, weights: Weights) -> NDArray[np.float64]:
     return np.einsum("zc,yb,xa,...cba->...zyx", *weights, values, optimize=True)
 
 
+def measured_inside(valid: NDArray[np.bool_], held: Weights) -> NDArray[np.bool_]:
+    """Windows (nz, ny, nx) of which more than half of the inside is measured."""
+    return mean_over(valid.astype(np.float64), held) > 0.5
+
+
 def averaged(
     displacement: NDArray[np.float64],
     raw: NDArray[np.float64],
@@ -64,7 +69,7 @@ def averaged(
     ones as they were measured, outliers among them.
     """
     straight, held = (mean_weights(windows, inner, straight_on) for straight_on in (True, False))
-    measured = mean_over(valid.astype(np.float64), held) > 0.5
+    measured = measured_inside(valid, held)
     mean = mean_over(displacement, straight)
     as_measured = np.where(measured, mean, mean_over(raw, straight))
     return mean, as_measured, measured, mean_over(peak_ratio, held).astype(np.float32)

@@ -205,7 +205,7 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
         if predictor is None:
             result = first_pass(a, b, windows, settings, report, scatter)
         else:
-            search = settings.residual_search if windows.size == plan[-1].size else settings.search
+            search = settings.residual_search if number > len(plan) - settings.fine_passes else settings.search
             result = correlation_pass(a, b, windows, predictor, settings, search, report, scatter)
         valid, displacement = _validated(result, settings)
         if number < len(plan):
@@ -214,7 +214,7 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
             predictor = fit_spline(smooth, windows.centres, shape)
     _warn_if_far(displacement, valid, settings)
     assert result.variance is not None
-    whole = None if settings.inner_window is None else window_grid(shape, settings.windows[-1], settings.overlap)
+    whole = None if settings.inner is None else window_grid(shape, settings.windows[-1], settings.overlap)
     std = standard_deviation(displacement, valid, result.variance, plan[-1], settings, whole)
     found = displacement, result.displacement, valid, result.peak_ratio
     if whole is not None:

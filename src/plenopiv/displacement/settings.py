@@ -64,11 +64,16 @@ class CorrelationSettings:
     filter_predictor: bool = True
 
     @property
+    def inner(self) -> Size | None:
+        """The inner window; None where the last of ``windows`` find the vectors themselves."""
+        return None if self.inner_window == self.windows[-1] else self.inner_window
+
+    @property
     def passes(self) -> list[Pass]:
         """All passes in turn."""
         sizes = [Pass(window, self.overlap) for window in self.windows]
-        if self.inner_window is not None:
-            sizes.append(Pass(self.inner_window, self.inner_overlap))
+        if self.inner is not None:
+            sizes.append(Pass(self.inner, self.inner_overlap))
         coarse = [size for size in sizes[:-1] for _ in range(self.coarse_passes)]
         return [*coarse, *[sizes[-1]] * self.fine_passes]
 

@@ -8,15 +8,15 @@ Three parts; only the threshold of the third was chosen by coverage, which docs/
    particles seen once, gradients that deformation has left. Wieneke (2015, Meas. Sci. Technol. 26 074002) takes the
    same contributions a(x) b(x + 1) - a(x + 1) b(x) with a model of their covariance instead.
 2. *Iteration.* Each pass deforms by the vectors of the last one, noise included, and can correct only what a window
-   sees: short waves of noise grow. ``iteration_gain`` computes the growth K of the variance (1.63 for three passes).
+   sees: short waves of noise grow. ``growth`` computes the factor K of the variance (1.63 for three passes).
 3. *Curvature.* The mean of the flow over a window differs from its value at the centre by q = sum_i n_i^2/24 d''_i,
    which second differences of the field itself estimate. Noise alone gives q a variance of c K s^2; where q exceeds
    twice its standard deviation, it is taken for flow that windows of this size do not resolve.
 
     std^2 = K s^2 + (q^2 where q^2 > 4 c K s^2)
 
-Where vectors are means of inner windows' (``averaging``), so are their variances: noise falls by what the mean passes
-of its waves, and of the mean q^2 a quarter is left, also by coverage.
+Where vectors are means of inner windows' (``averaging``), so are their variances: noise falls to the share that the
+mean leaves of it (``growth.Growth.left``), and of the mean q^2 a quarter is left, also by coverage.
 
 What both frames get wrong alike (light without depth near focus, calibration) no part can see.
 """
@@ -27,10 +27,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from plenopiv.displacement.averaging import mean_over, mean_weights
-from plenopiv.displacement.correlation import Spectra, WindowCorrelator, fade
+from plenopiv.displacement.averaging import mean_over, mean_weights, measured_inside
+from plenopiv.displacement.correlation import Spectra, WindowCorrelator
+from plenopiv.displacement.growth import bend_of, growth, strides
 from plenopiv.displacement.peaks import gaussian_offset
-from plenopiv.displacement.predictor import smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.spectra import as_correlated
 from plenopiv.displacement.windows import WindowGrid
@@ -42,8 +42,6 @@ _NEIGHBOURS = 26  # vectors whose variance a replaced one takes; as many as its 
 _MEAN_SQUARE_STEPS = 26 / (6 + 12 / 2 + 8 / 3)  # <r^2> of the 26 neighbours weighted by r^-2, in steps^2
 _BENT = 0.25  # of inner windows' mean q^2, in the variance of their mean
 _SIGNIFICANT = 2.0  # standard deviations of its noise from which a curvature is taken for real
-_WAVES = 32  # wave numbers along each axis
-_ALIASES = 4
 
 
 class ScatterCorrelator(WindowCorrelator):
@@ -152,53 +150,6 @@ def jackknife_variance(sums, untilt, variance):
             variance[w, axis] = (blocks - 1) / blocks * (square - blocks * mean * mean)
 
 
-def iteration_gain(
-    windows: WindowGrid, settings: CorrelationSettings, whole: WindowGrid | None = None
-) -> tuple[float, float, float]:
-    """K, c and m: growth of the variance of a correlation by iterated deformation, the share of it in curvature, and
-    the share that is left in the mean over ``whole`` windows of vectors of ``windows`` (1 without them).
-
-    Noise n of one correlation is white under a window's average W. With the predictor p = F d of a pass (F the filter
-    between passes) the next one finds d = p + (n - C p), C what windows see of the spline through p; so after m passes
-
-        d = G n,  G = sum_{j < m} (F (1 - C))^j,   K = <|W|^2 G^2> / <|W|^2>,   c K = <|W|^2 G^2 Q^2> / <|W|^2>
-
-    over all waves that the vectors sample (Schrijer & Scarano 2008 treat the same loop). Q is the response of
-    ``curvature``; m is as c, with the response of the mean in its place. W: of the square of the tapered window along
-    each axis, aliases folded.
-    """
-    q = 2 * np.pi * np.fft.fftfreq(_WAVES)  # radians per vector
-    noise, seen, bend, mean = [], [], [], []
-    of_mean = windows.size if whole is None else whole.size
-    for size, step, stride, wide in zip(windows.size, windows.step, _strides(windows), of_mean, strict=True):
-        k = q[:, None] + 2 * np.pi * np.arange(-_ALIASES, _ALIASES + 1)
-        weight, place = fade(size, settings.taper_voxels) ** 2, (np.arange(size) - (size - 1) / 2) / step
-        average = (np.cos(k[..., None] * place) @ weight) / weight.sum()
-        spline = np.sinc(k / (2 * np.pi)) ** 4
-        noise.append((average**2).sum(1))
-        seen.append((spline * average).sum(1) / spline.sum(1))
-        bend.append((2 * np.cos(stride * q) - 2) * _bend(size, step, stride))
-        voxels = (np.arange(wide) - (wide - 1) / 2) / step
-        mean.append((np.cos(k[..., None] * voxels).mean(-1) * np.sinc(k / (2 * np.pi)) ** 2).sum(1) ** 2)
-    impulse = np.zeros((1, *(_WAVES,) * 3))
-    impulse[0, 0, 0, 0] = 1.0
-    impulse = np.roll(impulse, (_WAVES // 2,) * 3, (1, 2, 3))
-    if settings.filter_predictor:
-        impulse = smooth_predictor(impulse, settings.passes[-1].overlap)
-    passed = np.abs(np.fft.fftn(impulse[0]))
-    z, y, x = np.ix_(*(np.arange(_WAVES),) * 3)
-    power = noise[0][z] * noise[1][y] * noise[2][x]
-    kept = passed * (1 - seen[0][z] * seen[1][y] * seen[2][x])
-    growth = sum(kept**j for j in range(settings.fine_passes)) ** 2
-    response = (bend[0][z] + bend[1][y] + bend[2][x]) ** 2
-    gain = (power * growth).sum()
-    bent = float((power * growth * response).sum() / gain)
-    if whole is None:
-        return float(gain / power.sum()), bent, 1.0
-    left = mean[0][z] * mean[1][y] * mean[2][x]
-    return float(gain / power.sum()), bent, float((power * growth * left).sum() / gain)
-
-
 def curvature(displacement: NDArray[np.float64], windows: WindowGrid) -> NDArray[np.float64]:
     """q (3, nz, ny, nx) in voxels: mean of ``displacement`` over a window less its value at the centre.
 
@@ -206,12 +157,12 @@ def curvature(displacement: NDArray[np.float64], windows: WindowGrid) -> NDArray
     of the next one inside.
     """
     out = np.zeros_like(displacement)
-    for axis, (size, step, stride) in enumerate(zip(windows.size, windows.step, _strides(windows), strict=True), 1):
+    for axis, (size, step, stride) in enumerate(zip(windows.size, windows.step, strides(windows), strict=True), 1):
         n = displacement.shape[axis]
         if stride:
             at = np.clip(np.arange(n), stride, n - 1 - stride)
             before, here, after = (np.take(displacement, at + s, axis) for s in (-stride, 0, stride))
-            out += (before - 2 * here + after) * _bend(size, step, stride)
+            out += (before - 2 * here + after) * bend_of(size, step, stride)
     return out
 
 
@@ -230,10 +181,10 @@ def standard_deviation(
     of its own to ask. It takes the means of the 26 nearest valid ones, whose linear fit its value is, with q enlarged:
     with neighbours all around, a fit weighted by r^-2 is off by <r^2>/6 = 0.30 squared steps of d''_x + d''_y + d''_z.
     """
-    gain, share, left = iteration_gain(windows, settings, whole)
-    noise = gain * variance
+    grown = growth(windows, settings)
+    noise = grown.gain * variance
     bend = curvature(displacement, windows) ** 2
-    bend = np.where(bend > _SIGNIFICANT**2 * share * noise, bend, 0.0)
+    bend = np.where(bend > _SIGNIFICANT**2 * grown.bent * noise, bend, 0.0)
     out = np.stack([noise, bend])
     if not valid.all():
         known, missing = np.argwhere(valid), np.argwhere(~valid)
@@ -242,20 +193,10 @@ def standard_deviation(
         steps = np.mean(np.square(windows.step) / np.square(windows.size))
         off = (1 + 24 * _MEAN_SQUARE_STEPS / 6 * steps) ** 2
         out[:, :, ~valid] = np.stack([noise, off * bend])[:, :, valid][:, :, index].mean(-1)
-    if whole is not None:
-        weights = mean_weights(whole, windows, straight_on=False)
-        out = np.stack([left * mean_over(out[0], weights), _BENT * mean_over(out[1], weights)])
-    return np.sqrt(out.sum(0))
-
-
-def _strides(windows: WindowGrid) -> list[int]:
-    """Vectors to about half a window along z, y, x; 0 where there are too few."""
-    return [
-        min(max(1, round(size / (2 * step))), (count - 1) // 2)
-        for size, step, count in zip(windows.size, windows.step, windows.shape, strict=True)
-    ]
-
-
-def _bend(size: int, step: int, stride: int) -> float:
-    """n^2/24 d'' from a second difference over ``stride`` vectors."""
-    return (size / (step * stride)) ** 2 / 24 if stride else 0.0
+    if whole is None:
+        return np.sqrt(out.sum(0))
+    held = mean_weights(whole, windows, straight_on=False)
+    noise, bend = mean_over(out, held)
+    # what is replaced inside comes from the same few neighbours: a mean over it gains nothing
+    shared = grown.left(mean_weights(whole, windows, straight_on=True)) * noise + _BENT * bend
+    return np.sqrt(np.where(measured_inside(valid, held), shared, noise + bend))
