@@ -6,10 +6,9 @@ from math import prod
 
 import numba
 from comparison_settings import Comparison, LightFieldSetting, TomoSetting, TwoCamerasSetting
-from lightfield_case import camera_of
+from lightfield_case import camera_of, correlation_of
 from two_cameras_case import MOUNTINGS, cameras_of
 
-from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.reconstruction.settings import ReconstructionSettings, TomographySettings
 from plenopiv.run import duration, memory
 
@@ -23,7 +22,7 @@ LISTED_BYTES = 40.0  # a listed voxel while its frame is reconstructed, the fram
 def light_field_cost(setting: LightFieldSetting) -> tuple[float, float]:
     """Bytes and seconds of LF-PIV; simulation left out."""
     camera = camera_of(setting)
-    correlation = CorrelationSettings(windows=setting.windows, overlap=setting.overlap)
+    correlation = correlation_of(setting)
     takes = duration.of_settings(camera, setting.grid, ReconstructionSettings(), correlation, numba.get_num_threads())
     seconds = takes.run(2) + _again(setting) / numba.get_num_threads()
     return memory.estimate(camera, setting.grid).peak, seconds
@@ -33,13 +32,12 @@ def _again(setting: LightFieldSetting | TomoSetting) -> float:
     """Seconds of one core for the correlation with windows within windows, if there is one."""
     if setting.inner_window is None:
         return 0.0
-    correlation = CorrelationSettings(setting.windows, setting.overlap, setting.inner_window)
-    return duration.correlation_s(setting.grid, correlation.passes)
+    return duration.correlation_s(setting.grid, correlation_of(setting, setting.inner_window).passes)
 
 
 def two_cameras_cost(setting: TwoCamerasSetting) -> tuple[float, float]:
     """The same with two cameras: light fields of both, and each list once more in the second one's order."""
-    correlation = CorrelationSettings(windows=setting.windows, overlap=setting.overlap)
+    correlation = correlation_of(setting)
     threads = numba.get_num_threads()
     peak, seconds = memory.BASE, 0.0
     for camera, mounting in zip(cameras_of(setting), MOUNTINGS, strict=True):
@@ -54,7 +52,7 @@ def tomo_cost(setting: TomoSetting) -> tuple[float, float]:
     """Bytes and seconds of Tomo-PIV; simulation left out."""
     grid = setting.grid
     frame = CAMERAS * grid.size * (SIGHT + LISTED * TomographySettings.iterations * CORRECT)
-    correlation = CorrelationSettings(windows=setting.windows, overlap=setting.overlap)
+    correlation = correlation_of(setting)
     pair = duration.correlation_s(grid, correlation.passes) + _again(setting)
     layer = 4.0 * 2 * prod(grid.shape[1:]) * setting.windows[0][2]
     peak = memory.BASE + LISTED_BYTES * LISTED * grid.size + layer

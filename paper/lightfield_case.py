@@ -75,6 +75,14 @@ class Measured:
     clock: Clock
 
 
+def correlation_of(
+    setting: Setting, inner_window: Window | None = None, inner_overlap: float = CorrelationSettings.inner_overlap
+) -> CorrelationSettings:
+    """Three passes with the finest windows: the setting's last ones, as in the paper, or others within them."""
+    inner = inner_window or setting.windows[-1]
+    return CorrelationSettings(setting.windows, setting.overlap, inner, inner_overlap, fine_passes=3)
+
+
 @dataclass(frozen=True)
 class Reconstructed:
     """Both volumes of a measurement. ``seen``: of a field and half the last window, the windows that are seen; the rest
@@ -92,8 +100,7 @@ class Reconstructed:
     ) -> Measured:
         """The velocity field, in the setting's windows with or without others in them."""
         grid, clock = self.setting.grid, self.clock.continued()
-        settings = CorrelationSettings(self.setting.windows, self.setting.overlap, inner_window, inner_overlap)
-        moved = measure(*self.volumes, settings)
+        moved = measure(*self.volumes, correlation_of(self.setting, inner_window, inner_overlap))
         clock.lap("correlation")
         field = velocity_dataset(moved, grid, DT_S).isel(time=0)
         half = 0.5 * np.array(self.setting.windows[-1]) * grid.voxel_mm

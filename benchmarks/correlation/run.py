@@ -40,7 +40,8 @@ from plenopiv.volume import DenseVolume, VoxelGrid
 HERE = Path(__file__).parent
 PEER = "openpiv==0.26.0"
 PEER_ENVIRONMENT = HERE.parents[1] / "build" / "openpiv"
-SETTINGS = CorrelationSettings(windows=((WINDOW,) * 3,))  # all else by default, as in `run`
+# windows by themselves, as the peer has them; all else by default
+SETTINGS = CorrelationSettings(windows=((WINDOW,) * 3,), inner_window=(WINDOW,) * 3, fine_passes=3)
 GHOSTLY = replace(SETTINGS, agreement=4.0, intensity_exponent=1.0)  # for uniform flows and many ghosts
 STEP = round(WINDOW * (1 - SETTINGS.overlap))
 

@@ -100,7 +100,7 @@ def displacement_errors(condition: Condition, a: SparseVolume, b: SparseVolume) 
     """Errors in voxels (window, 3) before outliers are replaced, |z| of the windows in mm, share replaced."""
     weight = focus_weight(condition.camera, condition.grid.axes()[2], FOCUS_REACH)
     first, second = (v.with_planes_scaled(weight) for v in (a, b))
-    field = measure(first, second, CorrelationSettings(windows=WINDOWS))
+    field = measure(first, second, CorrelationSettings(WINDOWS, inner_window=WINDOWS[-1], fine_passes=3))
     error = np.moveaxis(field.displacement, 0, -1) - SHIFT_VOXELS
     z = np.abs(condition.grid.first_mm[2] + field.z * condition.grid.voxel_mm[2])
     z = np.broadcast_to(z[:, None, None], error.shape[:3])

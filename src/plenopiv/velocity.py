@@ -32,7 +32,7 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
 
     Coordinates x, y, z in mm in the object frame (z = 0 the focal plane, +z toward the camera), vectors at their
     mid-time positions; ``time_s`` the mid-time of the two frames. Variables: u, v, w in m/s after replacement; u_raw,
-    v_raw, w_raw as the last pass measured them; u_std, v_std, w_std in m/s, the standard deviations of u, v, w; valid
+    v_raw, w_raw before (``DisplacementField.raw``); u_std, v_std, w_std in m/s, the standard deviations of u, v, w; valid
     (int8, 1 = measured, 0 = replaced); peak_ratio.
     """
     import xarray as xr
@@ -40,7 +40,7 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
     variables: dict = {}
     for suffix, text, voxels in (
         ("", "after replacement of outliers", field.displacement),
-        ("_raw", "as the last correlation pass measured it", field.raw),
+        ("_raw", "before replacement of windows", field.raw),
     ):
         for name, axis, values in zip("uvw", "xyz", velocity_m_s(voxels, grid, dt_s), strict=True):
             attributes = {"units": "m s-1", "long_name": f"velocity along {axis}, {text}"}

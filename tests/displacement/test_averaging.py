@@ -15,7 +15,7 @@ from plenopiv.errors import PlenoPIVError
 SHAPE = (40, 72, 90)
 WINDOWS = window_grid(SHAPE, (32, 32, 16), 0.5)
 INNER = window_grid(SHAPE, (20, 20, 10), 0.6)
-WHOLE = CorrelationSettings(windows=((32, 32, 32),))
+WHOLE = CorrelationSettings(windows=((32, 32, 32),), inner_window=(32, 32, 32))
 RESOLVED = CorrelationSettings(windows=((32, 32, 32),), inner_window=(20, 20, 20))
 
 
@@ -165,3 +165,12 @@ def test_signs_are_those_of_windows(particle_pair, uniform_flow, shift):
 def test_inner_windows_that_do_not_fit_are_refused(inner, said):
     with pytest.raises(PlenoPIVError, match=f"correlation.inner_window: .*{said}"):
         CorrelationSettings(windows=((32, 32, 32),), inner_window=inner)
+
+
+def test_three_quarters_of_the_last_window_unless_said_otherwise():
+    sizes = (64, 64, 32), (48, 40, 8)
+    usual, none = CorrelationSettings(sizes), CorrelationSettings(sizes, inner_window=sizes[-1])
+    assert usual.inner == (36, 30, 8)
+    assert usual.passes == [((64, 64, 32), 0.5), ((48, 40, 8), 0.5), *[((36, 30, 8), 0.6)] * 2]
+    assert none.inner is None
+    assert none.passes == [((64, 64, 32), 0.5), *[((48, 40, 8), 0.5)] * 2]

@@ -14,7 +14,7 @@ from plenopiv.displacement.windows import window_grid
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.volume import DenseVolume, SparseVolume, VoxelGrid
 
-CUBES = CorrelationSettings(windows=((32, 32, 32),))
+CUBES = CorrelationSettings(windows=((32, 32, 32),), inner_window=(32, 32, 32), fine_passes=3)
 
 
 def at_centres(flow, field):
@@ -157,7 +157,8 @@ def test_amplitude_of_a_wave_beats_a_plain_average_over_the_window(particle_pair
         36 / (32 * 32 * 16),
         seed=3,
     )
-    field = measure(*pair, CorrelationSettings(windows=((48, 48, 32), (32, 32, 16))))
+    windows = (48, 48, 32), (32, 32, 16)
+    field = measure(*pair, CorrelationSettings(windows, inner_window=windows[-1], fine_passes=3))
     shape = wave(field.y)[:, None]
     amplitude = (field.raw[0] * shape).sum() / (np.broadcast_to(shape**2, field.raw[0].shape).sum() * 1.5)
     assert least < amplitude < 1.05
@@ -248,4 +249,5 @@ def test_progress_counts_every_layer(small_pair):
     told = []
     measure(*small_pair, SMALL, lambda what, done, total: told.append((what, done, total)))
     assert told[0] == ("correlation pass 1 of 4", 1, 2)
-    assert told[-1] == ("correlation pass 4 of 4", 4, 4)
+    layers = window_grid((40, 48, 56), SMALL.inner, SMALL.inner_overlap).shape[0]
+    assert told[-1] == ("correlation pass 4 of 4", layers, layers)

@@ -41,7 +41,7 @@ def test_what_is_cropped_is_seen_by_every_view(experiment):
     assert all(s <= w for s, w in zip(small.correlation.windows[0], experiment.correlation.windows[0], strict=True))
 
 
-def test_a_preview_looks_with_the_windows_themselves(experiment):
+def test_inner_windows_of_a_preview_are_those_of_its_own_windows(experiment):
     tables = experiment.model_dump(by_alias=True, exclude_none=True)
     tables["correlation"]["inner_window"] = list(experiment.correlation.windows[-1])
     _, quick = cropped(Experiment.from_dict(tables, experiment.path))

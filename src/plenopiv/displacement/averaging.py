@@ -1,8 +1,8 @@
 """Vectors of windows as means of those of smaller, inner windows.
 
 One displacement and, by deformation, its neighbours' slopes are all that a window can follow; where a flow bends within
-it, particles disagree and pull the peak. Smaller windows follow more closely, and hold too few particles each: their
-mean over the larger window has its resolution, its particles and less of that error.
+it, particles disagree and pull the peak. Smaller windows follow more closely, but hold few particles each: their mean
+over the larger window has its resolution and its particles, and less of that error.
 """
 
 from __future__ import annotations

@@ -10,6 +10,10 @@ from plenopiv.errors import PlenoPIVError
 Size = tuple[int, int, int]
 
 
+SMALLEST = 8  # voxels of a window along an axis
+INNER = 0.75  # of the last window, of the one within it
+
+
 class Pass(NamedTuple):
     """One look at both volumes: its windows' sides along x, y, z in voxels, and their overlap."""
 
@@ -23,8 +27,8 @@ class CorrelationSettings:
 
     ``windows``: interrogation windows, coarse to fine. ``overlap``: share of a window that the next one covers again.
     ``inner_window``: windows, smaller than the last of ``windows``, that find what moves within it; its vector is then
-    the mean of theirs over it (``displacement.averaging``). ``inner_overlap``: theirs. None: the last of ``windows``
-    find the vectors themselves.
+    the mean of theirs over it (``displacement.averaging``). ``inner_overlap``: theirs. None: INNER of the last of
+    ``windows``, 8 voxels at least; as large as that: it finds its vectors itself.
     ``coarse_passes``, ``fine_passes``: passes with each coarse window size and with the finest one. All but the very
     first pass deform the volumes by the displacement known so far.
     ``smoothing_voxels``: sigma of the Gaussian that both volumes see before correlation; blobs of one or two voxels
@@ -51,7 +55,7 @@ class CorrelationSettings:
     inner_window: Size | None = None
     inner_overlap: float = 0.6
     coarse_passes: int = 1
-    fine_passes: int = 3
+    fine_passes: int = 2
     smoothing_voxels: float = 0.8
     taper_voxels: float = 2.0
     intensity_exponent: float = 0.5
@@ -66,7 +70,9 @@ class CorrelationSettings:
     @property
     def inner(self) -> Size | None:
         """The inner window; None where the last of ``windows`` find the vectors themselves."""
-        return None if self.inner_window == self.windows[-1] else self.inner_window
+        last = self.windows[-1]
+        inner = self.inner_window or tuple(max(SMALLEST, round(INNER * n)) for n in last)
+        return None if inner == last else inner  # type: ignore[return-value]
 
     @property
     def passes(self) -> list[Pass]:
@@ -78,7 +84,7 @@ class CorrelationSettings:
         return [*coarse, *[sizes[-1]] * self.fine_passes]
 
     def __post_init__(self) -> None:
-        if not self.windows or any(len(w) != 3 or min(w) < 8 for w in self.windows):
+        if not self.windows or any(len(w) != 3 or min(w) < SMALLEST for w in self.windows):
             raise PlenoPIVError(
                 f"correlation.windows: {list(map(list, self.windows))}: give sizes [x, y, z] of 8 voxels or more"
             )
@@ -88,7 +94,7 @@ class CorrelationSettings:
                     f"correlation.windows: {list(fine)} follows {list(coarse)}; sort them coarse to fine"
                 )
         if self.inner_window is not None:
-            if len(self.inner_window) != 3 or min(self.inner_window) < 8:
+            if len(self.inner_window) != 3 or min(self.inner_window) < SMALLEST:
                 raise PlenoPIVError(
                     f"correlation.inner_window: {list(self.inner_window)}: give a size [x, y, z] of 8 voxels or more"
                 )
