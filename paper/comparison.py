@@ -2,8 +2,8 @@
 
 Five measurements (``comparison_settings``), each in a process of its own: LF-PIV; exact volumes in place of its
 reconstructed ones, which shows what its windows resolve; two plenoptic cameras at a right angle; Tomo-PIV at the
-paper's settings; Tomo-PIV of the light field's particles in windows of the same size. All but the third and the fourth
-are correlated once more with windows within these windows.
+paper's settings; Tomo-PIV of the light field's particles in windows of the same size. All but the fourth are correlated
+once more with windows within these windows.
 
 Writes results/comparison.json, its table results/comparison.md, and figures to docs/images/paper (comparison-full of
 the full size); fields, with the DNS beside them, to build/comparison.
@@ -30,7 +30,7 @@ from comparison_costs import announced
 from comparison_scores import judged, score
 from comparison_settings import JET_M_S, SIZES, Comparison
 from lightfield_case import Measured, Reconstructed, Setting
-from page import table
+from outputs import table
 
 from plenopiv.io.netcdf import write_velocity
 from plenopiv.run.memory import peak_so_far
@@ -43,6 +43,7 @@ TITLES = {
     "exact": "exact volumes, LF's windows",
     "exact_inner": "exact volumes, windows within windows",
     "two": "LF-PIV, two cameras",
+    "two_inner": "LF-PIV, two cameras, windows within windows",
     "tomo": "Tomo-PIV, the paper's",
     "matched": "Tomo-PIV, LF's particles and windows",
     "matched_inner": "Tomo-PIV, LF's particles, windows within windows",

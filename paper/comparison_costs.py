@@ -6,7 +6,7 @@ from math import prod
 
 import numba
 from comparison_settings import Comparison, LightFieldSetting, TomoSetting, TwoCamerasSetting
-from lightfield_case import camera_of, correlation_of
+from lightfield_case import Setting, camera_of, correlation_of
 from two_cameras_case import MOUNTINGS, cameras_of
 
 from plenopiv.reconstruction.settings import ReconstructionSettings, TomographySettings
@@ -28,7 +28,7 @@ def light_field_cost(setting: LightFieldSetting) -> tuple[float, float]:
     return memory.estimate(camera, setting.grid).peak, seconds
 
 
-def _again(setting: LightFieldSetting | TomoSetting) -> float:
+def _again(setting: Setting) -> float:
     """Seconds of one core for the correlation with windows within windows, if there is one."""
     if setting.inner_window is None:
         return 0.0
@@ -45,7 +45,7 @@ def two_cameras_cost(setting: TwoCamerasSetting) -> tuple[float, float]:
         takes = duration.of_settings(camera, grid, ReconstructionSettings(), correlation, threads)
         peak += memory.estimate(camera, grid).peak - memory.BASE
         seconds += takes.frame
-    return peak, 2 * seconds + takes.pair
+    return peak, 2 * seconds + takes.pair + _again(setting) / threads
 
 
 def tomo_cost(setting: TomoSetting) -> tuple[float, float]:

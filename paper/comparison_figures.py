@@ -27,6 +27,7 @@ SHORT = {
     "exact": "exact volumes",
     "exact_inner": "exact volumes, inner windows",
     "two": "LF-PIV, two cameras",
+    "two_inner": "two cameras, inner windows",
     "tomo": "Tomo-PIV, the paper's",
     "matched": "Tomo-PIV, matched",
     "matched_inner": "matched, inner windows",
@@ -125,7 +126,7 @@ def errors(results: dict[str, Any]) -> Figure:
         axes.axvline(TARGET_DEPTH_MM, color="#8794a1", lw=0.8, ls="--")
         axes.set(title=f"RMS error of {symbol}", xlabel="|z|, mm", xlim=(0, DEPTH_MM[1]), ylim=(0, None))
     panels[0].set_ylabel("mm/s (dotted: as stated)")
-    figure.legend(*panels[0].get_legend_handles_labels(), frameon=False, ncols=4, loc="outside lower center")
+    figure.legend(*panels[0].get_legend_handles_labels(), frameon=False, ncols=5, loc="outside lower center")
     return figure
 
 

@@ -113,27 +113,30 @@ MATCHED_SCALE_MM_PX = 36 / 2048
 
 def second_camera(light_field: LightFieldSetting) -> TwoCamerasSetting:
     """The same volume, particles and windows (to an even number of voxels) with a second camera at the side."""
-    windows = _windows_in(light_field.windows, TwoCamerasSetting.voxel_mm)
-    return TwoCamerasSetting(light_field.volume_mm, light_field.judged_mm, windows, rays=light_field.rays)
-
-
-def _windows_in(windows: tuple[Window, ...], voxel_mm: float) -> tuple[Window, ...]:
-    """A light field's windows in cubic voxels, to an even number of them."""
-    return tuple(
-        tuple(2 * round(0.5 * n * side / voxel_mm) for n, side in zip(window, VOXEL_MM, strict=True))  # type: ignore[misc]
-        for window in windows
+    windows, inner = _windows_of(light_field, TwoCamerasSetting.voxel_mm)
+    return TwoCamerasSetting(
+        light_field.volume_mm, light_field.judged_mm, windows, inner_window=inner, rays=light_field.rays
     )
+
+
+def _windows_of(light_field: LightFieldSetting, voxel_mm: float) -> tuple[tuple[Window, ...], Window]:
+    """A light field's windows and its inner one in cubic voxels, to an even number of them."""
+    assert light_field.inner_window is not None
+    *windows, inner = (
+        tuple(2 * round(0.5 * n * side / voxel_mm) for n, side in zip(window, VOXEL_MM, strict=True))
+        for window in (*light_field.windows, light_field.inner_window)
+    )
+    return tuple(windows), inner  # type: ignore[return-value]
 
 
 def matched(light_field: LightFieldSetting) -> TomoSetting:
     """Tomo-PIV of the particles of a light field: the whole width on 2048 px, windows of the same size to an even
     number of voxels."""
-    assert light_field.inner_window is not None
-    *windows, inner = _windows_in((*light_field.windows, light_field.inner_window), MATCHED_SCALE_MM_PX)
+    windows, inner = _windows_of(light_field, MATCHED_SCALE_MM_PX)
     return TomoSetting(
         light_field.volume_mm,
         light_field.judged_mm,
-        tuple(windows),
+        windows,
         light_field.overlap,
         inner,
         MATCHED_SCALE_MM_PX,

@@ -1,10 +1,10 @@
-"""Where the scripts of section 3 write: numbers to paper/results, pictures to docs/images/paper."""
+"""Where scripts write: numbers to paper/results, pictures to docs/images/paper; and how a table is written."""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,3 +35,9 @@ def command_line(main: Callable[[Path, bool], None], about: str) -> None:
     parser.add_argument("--reduced", action="store_true", help="a version of seconds")
     asked = parser.parse_args()
     main(asked.out, asked.reduced)
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Markdown; numbers to the right."""
+    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

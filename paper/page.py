@@ -7,21 +7,18 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from itertools import product
 from pathlib import Path
 from typing import Any
+
+import comparison_tables
+from outputs import table
 
 ROOT = Path(__file__).parents[1]
 PAGE, RESULTS = ROOT / "docs" / "paper.md", ROOT / "paper" / "results"
 THIN = 0.0, 0.3  # voxels fainter than this share of the mean left out between rounds
 CAMERAS = ("pmr8", "pmr14", "pmr28")
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Markdown; numbers to the right."""
-    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def slashed(values: Iterable[float], digits: int = 3) -> str:
@@ -172,6 +169,9 @@ TABLES = {
     "single particles": single_particles,
     "time and density": time_and_density,
     "normalisation": normalisation,
+    "comparison windows": lambda: comparison_tables.by_depth(results("comparison")["cases"], comparison_tables.WINDOWS),
+    "comparison inner": lambda: comparison_tables.by_depth(results("comparison")["cases"], comparison_tables.INNER),
+    "comparison once": lambda: comparison_tables.once(results("comparison")["cases"]),
     "needed tracks": needed_tracks,
     "needed windows": needed_windows,
     "needed beyond": needed_beyond,

@@ -32,8 +32,8 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
 
     Coordinates x, y, z in mm in the object frame (z = 0 the focal plane, +z toward the camera), vectors at their
     mid-time positions; ``time_s`` the mid-time of the two frames. Variables: u, v, w in m/s after replacement; u_raw,
-    v_raw, w_raw before (``DisplacementField.raw``); u_std, v_std, w_std in m/s, the standard deviations of u, v, w; valid
-    (int8, 1 = measured, 0 = replaced); peak_ratio.
+    v_raw, w_raw before (``DisplacementField.raw``); u_std, v_std, w_std in m/s, the standard deviations of u, v, w;
+    valid (int8, 1 = measured, 0 = replaced); peak_ratio.
     """
     import xarray as xr
 

@@ -63,6 +63,19 @@ def test_one_inner_window_along_an_axis_is_the_mean():
     assert weights[0].tolist() == [[1.0]]
 
 
+def test_a_peak_without_a_second_does_not_outshine_the_others():
+    ratio = np.full(INNER.shape, 4.0, np.float32)
+    ratio[:2] = 1e3
+    ratio[-2:] = 0.0
+    still = np.zeros((3, *INNER.shape))
+    *_, found = averaged(still, still, np.ones(INNER.shape, bool), ratio, INNER, WINDOWS)
+    assert (found[0] >= 4.0).all()
+    assert (found[0] < 20.0).all()
+    assert ((found[-1] >= 1.0) & (found[-1] < 4.0)).all()
+    *_, none = averaged(still, still, np.ones(INNER.shape, bool), 0 * ratio, INNER, WINDOWS)
+    assert (none == 0).all()
+
+
 def test_where_most_inside_is_an_outlier_the_window_is_replaced_and_its_raw_vector_says_what_was_measured():
     valid = np.ones(INNER.shape, bool)
     corner = tuple(slice(0, n) for n in (3, 3, 3))

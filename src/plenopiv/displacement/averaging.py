@@ -66,10 +66,13 @@ def averaged(
     """The same four of ``windows``, of those of ``inner`` ones, all as ``DisplacementField`` has them.
 
     A window is measured where more than half of what is inside it is; elsewhere its raw vector is the mean of inner
-    ones as they were measured, outliers among them.
+    ones as they were measured, outliers among them. What is averaged of peaks is the second one's share of the first,
+    1 where none was found: a ratio has no limit.
     """
     straight, held = (mean_weights(windows, inner, straight_on) for straight_on in (True, False))
     measured = measured_inside(valid, held)
     mean = mean_over(displacement, straight)
     as_measured = np.where(measured, mean, mean_over(raw, straight))
-    return mean, as_measured, measured, mean_over(peak_ratio, held).astype(np.float32)
+    peaks = mean_over((peak_ratio > 0).astype(np.float64), held) > 0
+    second = mean_over(1 / np.maximum(peak_ratio, 1.0), held)
+    return mean, as_measured, measured, np.where(peaks, 1 / second, 0.0).astype(np.float32)

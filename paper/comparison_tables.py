@@ -1,0 +1,76 @@
+"""Tables of docs/paper.md from results/comparison.json: errors by depth, and what is told once of a method."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from outputs import table
+
+BANDS = {
+    "0-2 mm": "0 to 2 mm",
+    "2-4 mm": "2 to 4 mm",
+    "4-6 mm": "4 to 6 mm",
+    "6-8 mm": "6 to 8 mm",
+    "8-10 mm": "8 to 10 mm",
+    "within": "**to 6 mm**",
+    "within, smooth": "to 6 mm, smooth flow",
+    "beyond": "beyond 6 mm",
+}
+TITLES = {
+    "light_field": "LF-PIV",
+    "exact": "exact volumes",
+    "tomo": "Tomo-PIV, the paper's",
+    "matched": "Tomo-PIV, matched",
+}
+WINDOWS = tuple(TITLES)  # that find their vectors themselves
+INNER = "light_field_inner", "exact_inner", "matched_inner"
+
+
+def three(values: Sequence[float], digits: int = 1) -> str:
+    """Along x / y / z."""
+    return " / ".join(f"{v:.{digits}f}" for v in values)
+
+
+def title(name: str) -> str:
+    """A method with its windows."""
+    own = TITLES[name.removesuffix("_inner")]
+    return f"{own}, inner windows" if name.endswith("_inner") else own
+
+
+def by_depth(cases: dict[str, Any], names: Sequence[str]) -> str:
+    """RMS errors against the window mean: voxels of the first method, then mm/s of all."""
+    found = {name: cases[name]["errors"]["window_mean"] for name in names}
+    rows = []
+    for band, words in BANDS.items():
+        own = three(found[names[0]][band]["rms_voxel"], 3)
+        cells = [own, *(three(found[name][band]["rms_mm_s"]) for name in names)]
+        rows.append((words, *(f"**{c}**" for c in cells)) if words.startswith("*") else (words, *cells))
+    own, *_ = heads = [title(name).removesuffix(", inner windows") for name in names]
+    return table(("abs(z)", f"{own}, voxel", *heads), rows)
+
+
+def once(cases: dict[str, Any], names: Sequence[str] = (*WINDOWS, *INNER)) -> str:
+    """What is told once of each method, one row each."""
+    lines: dict[str, Callable[[dict[str, Any]], str]] = {
+        "vectors judged": lambda c: str(c["vectors"]),
+        "to 6 mm: gross / replaced, %": lambda c: " / ".join(
+            f"{100 * c['errors']['window_mean']['within'][key]:.1f}" for key in ("gross", "replaced")
+        ),
+        "RMS, all depths, mm/s": lambda c: three(c["errors"]["window_mean"]["all"]["rms_mm_s"]),
+        "against the DNS at the vector": lambda c: three(c["errors"]["point"]["all"]["rms_mm_s"]),
+        "against the window's particles": lambda c: three(c["errors"]["particles"]["all"]["rms_mm_s"]),
+        "stated to 6 mm, mm/s": lambda c: three(c["errors"]["window_mean"]["within"]["stated_mm_s"]),
+        "errors within 1 std, %": lambda c: _inside(c, 1),
+        "errors within 2 std, %": lambda c: _inside(c, 2),
+        "vorticity, RMS error of the RMS in its windows, 1/s": lambda c: (
+            f"{c['vorticity']['rms_1_s']:.0f} of {c['vorticity']['true_rms_1_s']:.0f}"
+        ),
+        "processor time, s; memory, GB": lambda c: f"{sum(c['processor_s'].values()):.0f}; {c['peak_gb']:.1f}",
+    }
+    rows = [(words, *(line(cases[name]) for name in names)) for words, line in lines.items()]
+    return table(("", *map(title, names)), rows)
+
+
+def _inside(case: dict[str, Any], stds: int) -> str:
+    return three([100 * v for v in case["errors"]["window_mean"]["all"][f"inside_{stds}_std"]], 0)
