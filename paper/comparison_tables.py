@@ -50,6 +50,18 @@ def by_depth(cases: dict[str, Any], names: Sequence[str]) -> str:
     return table(("abs(z)", f"{own}, voxel", *heads), rows)
 
 
+def in_voxels(cases: dict[str, Any], names: Sequence[str]) -> str:
+    """RMS errors against the window mean, voxels, and gross vectors."""
+    found = [cases[name]["errors"]["window_mean"] for name in names]
+    rows = []
+    for band, words in BANDS.items():
+        cells = [str(found[0][band]["vectors"])]
+        for errors in found:
+            cells += [three(errors[band]["rms_voxel"], 3), f"{100 * errors[band]['gross']:.2f}"]
+        rows.append((words, *cells))
+    return table(("abs(z)", "vectors", *(head for name in names for head in (title(name), "gross %"))), rows)
+
+
 def once(cases: dict[str, Any], names: Sequence[str] = (*WINDOWS, *INNER)) -> str:
     """What is told once of each method, one row each."""
     lines: dict[str, Callable[[dict[str, Any]], str]] = {

@@ -156,6 +156,11 @@ def needed_beyond() -> str:
     return table(("ppm", "lit, z in mm", "inner windows", "4 to 6 mm", "6 to 8 mm", "8 to 10 mm"), rows)
 
 
+def comparison_full() -> str:
+    """LF-PIV in all of the paper's volume."""
+    return comparison_tables.in_voxels(results("comparison-full")["cases"], ("light_field", "light_field_inner"))
+
+
 def fill(text: str, name: str, content: str) -> str:
     """The text with ``content`` between the marks of ``name``."""
     begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
@@ -171,6 +176,7 @@ TABLES = {
     "normalisation": normalisation,
     "comparison windows": lambda: comparison_tables.by_depth(results("comparison")["cases"], comparison_tables.WINDOWS),
     "comparison inner": lambda: comparison_tables.by_depth(results("comparison")["cases"], comparison_tables.INNER),
+    "comparison full": comparison_full,
     "comparison once": lambda: comparison_tables.once(results("comparison")["cases"]),
     "needed tracks": needed_tracks,
     "needed windows": needed_windows,

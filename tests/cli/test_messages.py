@@ -29,6 +29,12 @@ def test_warnings_are_one_line_each_and_do_not_stop(folder, capsys):
     assert "f-numbers do not match" in err
 
 
+def test_info_names_the_inner_windows(folder, capsys):
+    file = edit(folder, "overlap = 0.5", "overlap = 0.5\ninner_window = [24, 24, 12]")
+    assert main(["info", str(file)]) == 0
+    assert "24 x 24 x 12 voxels; a vector is their mean over the last window" in capsys.readouterr().out
+
+
 def test_a_warning_is_said_once_and_others_are_left_alone(monkeypatch, capsys):
     import plenopiv.cli.info
 
