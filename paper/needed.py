@@ -36,6 +36,7 @@ DENSITIES = 1.0, 2.0, 4.0, 8.0  # particles per microlens, of tracks
 INNER: tuple[tuple[Window | None, float], ...] = (  # windows within the paper's, and their overlap
     (None, 0.5),
     ((48, 48, 12), 0.5),
+    ((48, 48, 12), 0.6),
     ((48, 48, 12), 0.75),
     ((40, 40, 10), 0.6),
     ((32, 32, 8), 0.5),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
+from plenopiv.displacement import validation
 from plenopiv.displacement.agreement import agreement
 from plenopiv.displacement.correlation import WindowCorrelator, Windows, fade
 from plenopiv.displacement.deformation import DeformedPlanes
@@ -415,6 +416,15 @@ def test_normalised_median_is_its_definition():
     field = rng.standard_normal((3, 4, 5, 4))
     believed = rng.random((4, 5, 4)) > 0.3
     np.testing.assert_allclose(normalised_median(field, believed, 0.1), naive_residual(field, believed, 0.1), rtol=1e-9)
+
+
+@pytest.mark.parametrize("layers", [1, 2, 3])
+def test_a_few_layers_at_a_time_are_judged_as_all_are(monkeypatch, layers):
+    rng = np.random.default_rng(5)
+    field, believed = rng.normal(size=(3, 7, 4, 5)), rng.random((7, 4, 5)) > 0.1
+    whole = normalised_median(field, believed, 0.1)
+    monkeypatch.setattr(validation, "_AT_A_TIME", layers * 20)
+    np.testing.assert_array_equal(normalised_median(field, believed, 0.1), whole)
 
 
 def test_four_vectors_cannot_condemn_one_another():
