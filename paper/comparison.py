@@ -30,7 +30,7 @@ from comparison_costs import announced
 from comparison_scores import judged, score
 from comparison_settings import JET_M_S, SIZES, Comparison
 from lightfield_case import Measured, Reconstructed, Setting
-from outputs import table
+from outputs import table, three
 
 from plenopiv.io.netcdf import write_velocity
 from plenopiv.run.memory import peak_so_far
@@ -104,8 +104,8 @@ def tables(results: dict[str, Any]) -> str:
         found = results["cases"][name]
         for band, e in found["errors"]["window_mean"].items():
             shares = [f"{100 * e[key]:.1f}" for key in ("gross", "replaced")]
-            voxels = [_three(e[key]) for key in ("rms_voxel", "bias_voxel")]
-            lengths = [_three(e[key], 1) for key in ("rms_mm_s", "rms_percent", "stated_mm_s")]
+            voxels = [three(e[key]) for key in ("rms_voxel", "bias_voxel")]
+            lengths = [three(e[key], 1) for key in ("rms_mm_s", "rms_percent", "stated_mm_s")]
             rows.append((title, band, f"{e['vectors']:,}", *voxels, *lengths, *shares))
         other.append((title, *_whole(found)))
     by_depth = ("method", "abs(z)", "vectors", "RMS u / v / w, voxel", "bias, voxel", "RMS, mm/s", "RMS, % of U")
@@ -124,16 +124,12 @@ def _whole(found: dict[str, Any]) -> list[str]:
         f"{found['particles_per_window']:.1f}",
         f"{100 * found['candidates']:.1f}",
         f"{spin['rms_1_s']:.0f} of {spin['true_rms_1_s']:.0f}" if spin["vectors"] else "",
-        _three(everywhere["point"]["rms_mm_s"], 1),
-        _three(everywhere["particles"]["rms_mm_s"], 1),
-        *(_three([100 * v for v in everywhere["window_mean"][f"inside_{n}_std"]], 0) for n in (1, 2)),
+        three(everywhere["point"]["rms_mm_s"], 1),
+        three(everywhere["particles"]["rms_mm_s"], 1),
+        *(three([100 * v for v in everywhere["window_mean"][f"inside_{n}_std"]], 0) for n in (1, 2)),
         *(f"{sum(found[clock].values()):.0f}" for clock in ("wall_s", "processor_s")),
         "" if found["peak_gb"] is None else f"{found['peak_gb']:.1f}",
     ]
-
-
-def _three(values: list[float], digits: int = 3) -> str:
-    return " / ".join(f"{v:.{digits}f}" for v in values)
 
 
 def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ...] = MEASUREMENTS) -> dict[str, Any]:

@@ -33,7 +33,7 @@ class LightFieldSetting:
     judged_mm: Across | None = None
     windows: tuple[Window, ...] = ((128, 128, 32), (64, 64, 16))
     overlap: float = 0.5
-    inner_window: Window | None = (40, 40, 10)
+    inner_window: Window = (40, 40, 10)
     camera: str = "29mp"
     particles_per_microlens: float = 1.0
     rays: int = 4000
@@ -121,7 +121,6 @@ def second_camera(light_field: LightFieldSetting) -> TwoCamerasSetting:
 
 def _windows_of(light_field: LightFieldSetting, voxel_mm: float) -> tuple[tuple[Window, ...], Window]:
     """A light field's windows and its inner one in cubic voxels, to an even number of them."""
-    assert light_field.inner_window is not None
     *windows, inner = (
         tuple(2 * round(0.5 * n * side / voxel_mm) for n, side in zip(window, VOXEL_MM, strict=True))
         for window in (*light_field.windows, light_field.inner_window)

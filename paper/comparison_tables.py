@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from outputs import table
+from outputs import table, three
 
 BANDS = {
     "0-2 mm": "0 to 2 mm",
@@ -27,11 +27,6 @@ WINDOWS = tuple(TITLES)  # that find their vectors themselves
 INNER = "light_field_inner", "exact_inner", "matched_inner"
 
 
-def three(values: Sequence[float], digits: int = 1) -> str:
-    """Along x / y / z."""
-    return " / ".join(f"{v:.{digits}f}" for v in values)
-
-
 def title(name: str) -> str:
     """A method with its windows."""
     own = TITLES[name.removesuffix("_inner")]
@@ -43,8 +38,8 @@ def by_depth(cases: dict[str, Any], names: Sequence[str]) -> str:
     found = {name: cases[name]["errors"]["window_mean"] for name in names}
     rows = []
     for band, words in BANDS.items():
-        own = three(found[names[0]][band]["rms_voxel"], 3)
-        cells = [own, *(three(found[name][band]["rms_mm_s"]) for name in names)]
+        own = three(found[names[0]][band]["rms_voxel"])
+        cells = [own, *(three(found[name][band]["rms_mm_s"], 1) for name in names)]
         rows.append((words, *(f"**{c}**" for c in cells)) if words.startswith("*") else (words, *cells))
     own, *_ = heads = [title(name).removesuffix(", inner windows") for name in names]
     return table(("abs(z)", f"{own}, voxel", *heads), rows)
@@ -57,7 +52,7 @@ def in_voxels(cases: dict[str, Any], names: Sequence[str]) -> str:
     for band, words in BANDS.items():
         cells = [str(found[0][band]["vectors"])]
         for errors in found:
-            cells += [three(errors[band]["rms_voxel"], 3), f"{100 * errors[band]['gross']:.2f}"]
+            cells += [three(errors[band]["rms_voxel"]), f"{100 * errors[band]['gross']:.2f}"]
         rows.append((words, *cells))
     return table(("abs(z)", "vectors", *(head for name in names for head in (title(name), "gross %"))), rows)
 
@@ -69,10 +64,10 @@ def once(cases: dict[str, Any], names: Sequence[str] = (*WINDOWS, *INNER)) -> st
         "to 6 mm: gross / replaced, %": lambda c: " / ".join(
             f"{100 * c['errors']['window_mean']['within'][key]:.1f}" for key in ("gross", "replaced")
         ),
-        "RMS, all depths, mm/s": lambda c: three(c["errors"]["window_mean"]["all"]["rms_mm_s"]),
-        "against the DNS at the vector": lambda c: three(c["errors"]["point"]["all"]["rms_mm_s"]),
-        "against the window's particles": lambda c: three(c["errors"]["particles"]["all"]["rms_mm_s"]),
-        "stated to 6 mm, mm/s": lambda c: three(c["errors"]["window_mean"]["within"]["stated_mm_s"]),
+        "RMS, all depths, mm/s": lambda c: three(c["errors"]["window_mean"]["all"]["rms_mm_s"], 1),
+        "against the DNS at the vector": lambda c: three(c["errors"]["point"]["all"]["rms_mm_s"], 1),
+        "against the window's particles": lambda c: three(c["errors"]["particles"]["all"]["rms_mm_s"], 1),
+        "stated to 6 mm, mm/s": lambda c: three(c["errors"]["window_mean"]["within"]["stated_mm_s"], 1),
         "errors within 1 std, %": lambda c: _inside(c, 1),
         "errors within 2 std, %": lambda c: _inside(c, 2),
         "vorticity, RMS error of the RMS in its windows, 1/s": lambda c: (

@@ -41,3 +41,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Markdown; numbers to the right."""
     lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def three(values: Iterable[float], digits: int = 3) -> str:
+    """What is known along x, y and z in one cell."""
+    return " / ".join(f"{v:.{digits}f}" for v in values)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import comparison_tables
-from outputs import table
+from outputs import table, three
 
 ROOT = Path(__file__).parents[1]
 PAGE, RESULTS = ROOT / "docs" / "paper.md", ROOT / "paper" / "results"
@@ -55,7 +55,7 @@ def normalisation() -> str:
 
     rows = []
     for name, found in results("normalisation")["weights"].items():
-        errors = " / ".join(f"{e:.3f}" for e in found["rms"])
+        errors = three(found["rms"])
         rows.append((TITLES[name], f"{found['q']:.3f}", errors, f"{100 * found['gross']:.1f}"))
     return table(("planes", "Q", "RMS x / y / z (voxel)", "gross %"), rows)
 
@@ -103,8 +103,8 @@ def time_and_density() -> str:
             (
                 f"{ppm:g}",
                 " / ".join(f"{100 * plain[m]['kept']:.3g}" for m in ("bound", "product")),
-                " / ".join(f"{plain[m]['q']:.3f}" for m in ("mart", "bound", "product")),
-                " / ".join(f"{plain[m]['seconds']:.1f}" for m in ("mart", "bound", "product")),
+                three(plain[m]["q"] for m in ("mart", "bound", "product")),
+                three((plain[m]["seconds"] for m in ("mart", "bound", "product")), 1),
                 f"{plain['mart']['seconds'] / plain['bound']['seconds']:.1f}",
                 f"{shipped['mart']['seconds'] / shipped['bound']['seconds']:.1f}",
                 f"{plain['mart']['seconds'] / shipped['bound']['seconds']:.1f}",
@@ -121,7 +121,7 @@ def needed_tracks() -> str:
     """What perfect tracks tell of a window's mean, by density."""
     rows = []
     for line in results("needed")["tracks"]:
-        errors = (" / ".join(f"{v:.3f}" for v in line[key]) for key in ("mean", "linear_fit", "smooth_field"))
+        errors = (three(line[key]) for key in ("mean", "linear_fit", "smooth_field"))
         rows.append((f"{line['particles_per_microlens']:g}", f"{line['particles_per_window']:.0f}", *errors))
     return table(("ppm", "tracks in a window", "their mean", "their linear fit", "smoothest field"), rows)
 
@@ -136,8 +136,8 @@ def needed_windows() -> str:
     for (window, overlap), lines in found.items():
         light = lines["light_field"]
         bands = [lines["exact"]["bands"]["within"], *(light["bands"][band] for band in ("within", "within, smooth"))]
-        errors = (" / ".join(f"{v:.3f}" for v in band["rms_voxel"]) for band in (*bands, light["bands"]["beyond"]))
-        inside = (" / ".join(f"{100 * v:.0f}" for v in bands[1][f"inside_{n}_std"]) for n in (1, 2))
+        errors = (three(band["rms_voxel"]) for band in (*bands, light["bands"]["beyond"]))
+        inside = (three((100 * v for v in bands[1][f"inside_{n}_std"]), 0) for n in (1, 2))
         cost = f"{light['correlation_s']:.0f}"
         rows.append((window if window == "none" else f"{window}, {overlap}", *errors, ", ".join(inside), cost))
     head = ("inner windows, overlap", "exact volumes", "LF-PIV", "LF-PIV, smooth flow", "LF-PIV beyond 6 mm")
@@ -150,7 +150,7 @@ def needed_beyond() -> str:
     for line in results("needed")["beyond"]:
         (low, high), inner = line["z_mm"], line["inner_window"]
         bands = (line["bands"].get(band) for band in ("4-6 mm", "6-8 mm", "8-10 mm"))
-        errors = ("" if band is None else " / ".join(f"{v:.3f}" for v in band["rms_voxel"]) for band in bands)
+        errors = ("" if band is None else three(band["rms_voxel"]) for band in bands)
         window = "none" if inner is None else " x ".join(map(str, inner))
         rows.append((f"{line['particles_per_microlens']:g}", f"{low:g} to {high:g}", window, *errors))
     return table(("ppm", "lit, z in mm", "inner windows", "4 to 6 mm", "6 to 8 mm", "8 to 10 mm"), rows)

@@ -17,8 +17,8 @@ class DisplacementField:
     ``raw``: the same as the last pass measured it, before any replacement; 0 where a window held no light. With windows
     within windows that of a replaced window alone: the mean of what was measured in it, outliers among them.
     ``valid``: (nz, ny, nx), True = measured, or more than half of its inside is; False = replaced from neighbours.
-    ``peak_ratio``: (nz, ny, nx) float32, highest correlation peak over the second highest, or the mean of that; 0
-    without a peak.
+    ``peak_ratio``: (nz, ny, nx) float32, highest correlation peak over the second highest; 0 without a peak.
+    With windows within windows the inverse of the mean inverse in the window.
     ``std``: (3, nz, ny, nx) float64, standard deviation of ``displacement`` (dx, dy, dz) in voxels, finite; see
     ``displacement.uncertainty`` for what it covers.
     """

@@ -196,7 +196,8 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
             f"correlation: the volumes differ in grid: {a.grid} and {b.grid}; reconstruct both on the same one"
         )
     shape = a.grid.shape
-    plan = [window_grid(shape, *each) for each in settings.passes]
+    passes = settings.passes
+    plan = [window_grid(shape, *each) for each in passes]
     a, b = (compressed(volume, settings.intensity_exponent) for volume in (a, b))
     predictor: SplineField | None = None
     for number, windows in enumerate(plan, 1):
@@ -209,8 +210,9 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
             result = correlation_pass(a, b, windows, predictor, settings, search, report, scatter)
         valid, displacement = _validated(result, settings)
         if number < len(plan):
-            overlap = settings.passes[number - 1].overlap
-            smooth = smooth_predictor(displacement, overlap) if settings.filter_predictor else displacement
+            smooth = displacement
+            if settings.filter_predictor:
+                smooth = smooth_predictor(displacement, passes[number - 1].overlap)
             predictor = fit_spline(smooth, windows.centres, shape)
     _warn_if_far(displacement, valid, settings)
     assert result.variance is not None
