@@ -23,7 +23,7 @@ omega, q = vorticity(gradient), q_criterion(gradient)  # (x y z, z, y, x) in 1/s
 
 
 def variance(component: str, axis: str) -> np.ndarray:
-    """Of a central difference, 1/s^2: of two vectors whose windows, at 50 % overlap, touch and share no particle."""
+    """Of a central difference, 1/s^2: of vectors whose windows, at 50 % overlap, touch but hardly share particles."""
     std, spacing_m = field[f"{component}_std"], 1e-3 * float(field[axis][1] - field[axis][0])
     return ((std.shift({axis: 1}) ** 2 + std.shift({axis: -1}) ** 2) / (2 * spacing_m) ** 2).values
 

@@ -106,7 +106,8 @@ def correlation(found: dict[str, Any]) -> str:
         what = what if what.startswith("uniform") else f"shear of {what} windows' wavelength"
         rows.append([f"{what}: {r['method']}", f"{r['vectors_a_cpu_s']:.0f}", bias, rms])
     return (
-        "Windows of 32 x 32 x 32 voxels that overlap by half, one thread each; docs/accuracy.md has all of it.\n\n"
+        "Windows of 32 x 32 x 32 voxels that overlap by half, one thread each, no inner windows; "
+        "benchmarks/correlation/results.md has all of it.\n\n"
         + (table("volumes and method | vectors a CPU-second | bias x / y / z, voxels | RMS", rows))
     )
 

@@ -68,7 +68,11 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
     variables["peak_ratio"] = (
         _DIMS,
         field.peak_ratio[None].astype(np.float32),
-        {"units": "1", "long_name": "highest correlation peak over the second highest"},
+        {
+            "units": "1",
+            "long_name": "highest correlation peak over the second highest",
+            "comment": "of inner windows the inverse of the mean inverse",
+        },
     )
 
     meaning = {"x": "to the right as the camera sees", "y": "up as the camera sees", "z": "toward the camera"}

@@ -242,7 +242,9 @@ def test_the_share_that_some_views_miss_is_stated():
 def test_the_resolved_file_is_the_same_experiment_elsewhere(tmp_path):
     experiment = Experiment.from_dict(tomllib.loads(TEXT), tmp_path / "run7" / "experiment.toml")
     same = Experiment.from_dict(tomllib.loads(experiment.dump_toml()))
-    assert same.model_dump() == experiment.model_dump()
+    assert same.correlation.inner_window == experiment.correlation.settings().inner == (48, 48, 12)
+    assert same.correlation.settings().passes == experiment.correlation.settings().passes
+    assert same.model_dump(exclude={"correlation"}) == experiment.model_dump(exclude={"correlation"})
     results = tmp_path / "run7" / "results"
     moved = Experiment.from_dict(tomllib.loads(experiment.dump_toml(results)), results / "experiment.toml")
     assert moved.recording_table.frames == ("../a.tif", "../b.tif")
@@ -267,10 +269,13 @@ def test_correlation_settings_carry_the_keys():
     assert settings.inner_window is None
 
 
-def test_an_inner_window_is_kept_in_what_is_written_back():
-    tables = changed("correlation.inner_window", [40, 40, 10])
+@pytest.mark.parametrize(
+    ("inner", "finest"), [([40, 40, 10], ((40, 40, 10), 0.6)), ([64, 64, 16], ((64, 64, 16), 0.5))]
+)
+def test_an_inner_window_is_kept_in_what_is_written_back(inner, finest):
+    tables = changed("correlation.inner_window", inner)
     experiment = Experiment.from_dict(tables)
-    assert experiment.correlation.settings().passes[-1] == ((40, 40, 10), 0.6)
+    assert experiment.correlation.settings().passes[-1] == finest
     assert Experiment.from_dict(tomllib.loads(experiment.dump_toml())).correlation == experiment.correlation
 
 

@@ -57,7 +57,7 @@ class Score:
     """A velocity field against the truth.
 
     ``vectors`` were judged; ``vectors_at_half_overlap`` is how many a field with half-overlapping windows would have
-    there. ``final`` and ``raw`` (as the last pass measured, None without u_raw) against window truth,
+    there. ``final`` and ``raw`` (before windows were replaced, None without u_raw) against window truth,
     ``final_at_point`` and ``raw_at_point`` against point truth (None where too few vectors have one). ``replaced``:
     share of the vectors that the field itself calls replaced. ``inside_1_std``, ``inside_2_std``: share of the errors
     along x, y, z within one and two stated standard deviations (None without u_std); 0.68 and 0.95 are honest.

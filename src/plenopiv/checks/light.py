@@ -152,13 +152,13 @@ def _clipping(counts: NDArray, sensor: Sensor, name: str) -> Finding:
 
 
 def seeding(found: Light, camera: PlenopticCamera, depth_mm: float, window_mm: tuple[float, float, float]) -> Finding:
-    """Particles per microlens, in a pixel, and in a window of the last pass (x, y, z in mm)."""
+    """Particles per microlens, in a pixel, and in one of the last windows (x, y, z in mm)."""
     area = camera.lattice.cell_area_mm2 / camera.main_lens.magnification**2
     in_window = found.ppm / (area * depth_mm) * float(np.prod(window_mm))
     many = f"{found.ppm:.2g}"
     words = (
         f"about {many} particle{'' if many == '1' else 's'} per microlens, images of {found.overlap:.1f} overlap in a "
-        f"pixel, {in_window:.0f} are in a window of the last pass"
+        f"pixel, {in_window:.0f} are in one of the last windows"
     )
     if found.overlap > OVERLAP:
         advice = (

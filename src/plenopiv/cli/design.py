@@ -77,7 +77,7 @@ def costs(optics: Optics) -> dict[str, float]:
     takes = duration.of_settings(camera, grid, ReconstructionSettings(), correlation, threads=2)
     return {
         "voxels": grid.size,
-        "memory_gb": memory.estimate(camera, grid).peak / 1e9,
+        "memory_gb": memory.of_settings(camera, grid, ReconstructionSettings(), correlation).peak / 1e9,
         "time_s": takes.run(FRAMES),
     }
 

@@ -44,12 +44,13 @@ voxel_mm = {voxel}   # along x, y, z
 
 [reconstruction]
 method = {method}   # "mart": every voxel may hold light; "drt-mart": only those that all views see lit
-iterations = {iterations}   # rounds over all pixels
+iterations = {iterations}   # rounds over all views
 relaxation = {relaxation}   # 0 to 1: smaller is steadier and slower
 
 [correlation]
 windows = {windows}   # voxels along x, y, z, coarse to fine
 overlap = {overlap}   # of neighbouring windows, as a fraction
+# inner_window = {inner}   # default; smaller for flows that bend within a window, whose vector is their mean
 
 [output]
 directory = "results"

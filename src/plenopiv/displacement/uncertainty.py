@@ -1,6 +1,7 @@
 """Standard deviation of every vector, from the scatter of its own particles and from what its neighbours show.
 
-Three parts; only the threshold of the third was chosen by coverage, which docs/uncertainty.md has as measured:
+Three parts; only the third's threshold, and its share under inner windows, were chosen by coverage, which
+docs/uncertainty.md has as measured:
 
 1. *Scatter.* The sum that makes a correlation peak is split into the contributions of blocks of the window. Each
    block is left out in turn and the peak fitted anew; the delete-one jackknife (Efron & Stein 1981) of those

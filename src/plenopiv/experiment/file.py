@@ -213,10 +213,12 @@ class Experiment(Table):
         return lines
 
     def dump_toml(self, folder: str | Path | None = None) -> str:
-        """The resolved file, every default written out. With ``folder``, its paths are relative to that folder."""
+        """The resolved file, every default written out but what the images decide. With ``folder``, its paths are
+        relative to that folder."""
         import tomli_w
 
         tables = self.model_dump(by_alias=True, exclude_none=True)
+        tables["correlation"]["inner_window"] = self.correlation.settings().inner or self.correlation.windows[-1]
         if folder is not None:
 
             def moved(name: str) -> str:

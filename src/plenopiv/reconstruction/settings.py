@@ -15,8 +15,8 @@ class ReconstructionSettings:
     """Method and parameters of one reconstruction.
 
     ``method``: "drt-mart" starts from the voxels that dense ray tracing leaves, "mart" from all.
-    ``iterations``: rounds over all views. ``relaxation``: exponent mu of each correction, 0 < mu <= 1; above a half
-    views come one at a time, which is slower.
+    ``iterations``: rounds over all views. ``relaxation``: exponent mu of each correction, 0 < mu <= 1, doubled in the
+    first round; fewer views are corrected at once where it is large, one at 1, which is slower.
     ``weights``: light by one centre ray per view, by nine, or by exact areas.
     ``candidates``: what DRT leaves. "bound": voxels that can hold a particle of ``threshold`` counts without giving a
     pixel more light than it collected; "product", the paper's: voxels whose pixels all exceed ``threshold`` counts.

@@ -138,7 +138,7 @@ def _validation(experiment: Experiment, dataset: xarray.Dataset, drawn: _Figures
     content = [
         drawn("validation", charts.validation_figure(dataset), "where vectors were replaced"),
         subheading(
-            "Displacements before any replacement",
+            "Displacements before windows were replaced",
             "Peak locking would crowd the middle figure at 0; an even spread is flat, if displacements cover several "
             "voxels.",
         ),
