@@ -22,8 +22,9 @@ TITLES = {
     "exact": "exact volumes",
     "tomo": "Tomo-PIV, the paper's",
     "matched": "Tomo-PIV, matched",
+    "two": "LF-PIV, two cameras",
 }
-WINDOWS = tuple(TITLES)  # that find their vectors themselves
+WINDOWS = "light_field", "exact", "tomo", "matched"  # that find their vectors themselves
 INNER = "light_field_inner", "exact_inner", "matched_inner"
 
 
@@ -77,6 +78,23 @@ def once(cases: dict[str, Any], names: Sequence[str] = (*WINDOWS, *INNER)) -> st
     }
     rows = [(words, *(line(cases[name]) for name in names)) for words, line in lines.items()]
     return table(("", *map(title, names)), rows)
+
+
+def by_method(cases: dict[str, Any]) -> str:
+    """RMS errors against the window mean in mm/s, a row for each method and its windows, and what it takes."""
+    bands = {
+        "within": "to 6 mm",
+        "within, smooth": "to 6 mm, smooth flow",
+        "beyond": "beyond 6 mm",
+        "all": "all depths",
+    }
+    rows = []
+    for name, case in ((name, cases[name]) for own in TITLES for name in (own, f"{own}_inner") if name in cases):
+        errors = (three(case["errors"]["window_mean"][band]["rms_mm_s"], 1) for band in bands)
+        vorticity = f"{case['vorticity']['rms_1_s']:.0f} of {case['vorticity']['true_rms_1_s']:.0f}"
+        minutes = f"{sum(case['processor_s'].values()) / 60:.0f}; {case['peak_gb']:.1f}"
+        rows.append((title(name), str(case["vectors"]), *errors, vorticity, minutes))
+    return table(("", "vectors", *bands.values(), "vorticity, 1/s", "processor min; GB"), rows)
 
 
 def _inside(case: dict[str, Any], stds: int) -> str:

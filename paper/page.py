@@ -177,6 +177,7 @@ TABLES = {
     "comparison windows": lambda: comparison_tables.by_depth(results("comparison")["cases"], comparison_tables.WINDOWS),
     "comparison inner": lambda: comparison_tables.by_depth(results("comparison")["cases"], comparison_tables.INNER),
     "comparison full": comparison_full,
+    "comparison full methods": lambda: comparison_tables.by_method(results("comparison-full")["cases"]),
     "comparison once": lambda: comparison_tables.once(results("comparison")["cases"]),
     "needed tracks": needed_tracks,
     "needed windows": needed_windows,
