@@ -123,7 +123,7 @@ def draft(known: OpticsSheet, camera: PlenopticCamera, white: str, frames: list[
         why_depth=why_depth,
         voxel=list(measured.voxel_mm),
         windows=[list(window) for window in measured.windows],
-        inner=list(CorrelationSettings(measured.windows).inner or measured.windows[-1]),
+        inner=list(CorrelationSettings(measured.windows).passes[-1].window),
         overlap=CorrelationSettings.overlap,
         method=json.dumps(ReconstructionSettings.method),
         iterations=ReconstructionSettings.iterations,

@@ -218,7 +218,7 @@ class Experiment(Table):
         import tomli_w
 
         tables = self.model_dump(by_alias=True, exclude_none=True)
-        tables["correlation"]["inner_window"] = self.correlation.settings().inner or self.correlation.windows[-1]
+        tables["correlation"]["inner_window"] = self.correlation.settings().passes[-1].window
         if folder is not None:
 
             def moved(name: str) -> str:
