@@ -29,6 +29,7 @@ import two_cameras_case
 from comparison_costs import announced
 from comparison_scores import judged, score
 from comparison_settings import JET_M_S, SIZES, Comparison
+from comparison_tables import inside, vorticity
 from lightfield_case import Measured, Reconstructed, Setting
 from outputs import table, three
 
@@ -118,15 +119,15 @@ def tables(results: dict[str, Any]) -> str:
 
 def _whole(found: dict[str, Any]) -> list[str]:
     """What is told once of a method."""
-    everywhere, spin = {name: e["all"] for name, e in found["errors"].items()}, found["vorticity"]
+    everywhere = {name: e["all"] for name, e in found["errors"].items()}
     return [
         " x ".join(f"{side:.2f}" for side in found["window_mm"]),
         f"{found['particles_per_window']:.1f}",
         f"{100 * found['candidates']:.1f}",
-        f"{spin['rms_1_s']:.0f} of {spin['true_rms_1_s']:.0f}" if spin["vectors"] else "",
+        vorticity(found),
         three(everywhere["point"]["rms_mm_s"], 1),
         three(everywhere["particles"]["rms_mm_s"], 1),
-        *(three([100 * v for v in everywhere["window_mean"][f"inside_{n}_std"]], 0) for n in (1, 2)),
+        *(inside(everywhere["window_mean"], n) for n in (1, 2)),
         *(f"{sum(found[clock].values()):.0f}" for clock in ("wall_s", "processor_s")),
         "" if found["peak_gb"] is None else f"{found['peak_gb']:.1f}",
     ]

@@ -69,11 +69,9 @@ def once(cases: dict[str, Any], names: Sequence[str] = (*WINDOWS, *INNER)) -> st
         "against the DNS at the vector": lambda c: three(c["errors"]["point"]["all"]["rms_mm_s"], 1),
         "against the window's particles": lambda c: three(c["errors"]["particles"]["all"]["rms_mm_s"], 1),
         "stated to 6 mm, mm/s": lambda c: three(c["errors"]["window_mean"]["within"]["stated_mm_s"], 1),
-        "errors within 1 std, %": lambda c: _inside(c, 1),
-        "errors within 2 std, %": lambda c: _inside(c, 2),
-        "vorticity, RMS error of the RMS in its windows, 1/s": lambda c: (
-            f"{c['vorticity']['rms_1_s']:.0f} of {c['vorticity']['true_rms_1_s']:.0f}"
-        ),
+        "errors within 1 std, %": lambda c: inside(c["errors"]["window_mean"]["all"], 1),
+        "errors within 2 std, %": lambda c: inside(c["errors"]["window_mean"]["all"], 2),
+        "vorticity, RMS error of the RMS in its windows, 1/s": vorticity,
         "processor time, s; memory, GB": lambda c: f"{sum(c['processor_s'].values()):.0f}; {c['peak_gb']:.1f}",
     }
     rows = [(words, *(line(cases[name]) for name in names)) for words, line in lines.items()]
@@ -91,11 +89,17 @@ def by_method(cases: dict[str, Any]) -> str:
     rows = []
     for name, case in ((name, cases[name]) for own in TITLES for name in (own, f"{own}_inner") if name in cases):
         errors = (three(case["errors"]["window_mean"][band]["rms_mm_s"], 1) for band in bands)
-        vorticity = f"{case['vorticity']['rms_1_s']:.0f} of {case['vorticity']['true_rms_1_s']:.0f}"
         minutes = f"{sum(case['processor_s'].values()) / 60:.0f}; {case['peak_gb']:.1f}"
-        rows.append((title(name), str(case["vectors"]), *errors, vorticity, minutes))
+        rows.append((title(name), str(case["vectors"]), *errors, vorticity(case), minutes))
     return table(("", "vectors", *bands.values(), "vorticity, 1/s", "processor min; GB"), rows)
 
 
-def _inside(case: dict[str, Any], stds: int) -> str:
-    return three([100 * v for v in case["errors"]["window_mean"]["all"][f"inside_{stds}_std"]], 0)
+def inside(errors: dict[str, Any], stds: int) -> str:
+    """Share of the errors within so many standard deviations, %."""
+    return three([100 * v for v in errors[f"inside_{stds}_std"]], 0)
+
+
+def vorticity(case: dict[str, Any]) -> str:
+    """RMS error of the RMS of the DNS in the windows, 1/s; nothing where no vector has all its neighbours."""
+    spin = case["vorticity"]
+    return f"{spin['rms_1_s']:.0f} of {spin['true_rms_1_s']:.0f}" if spin["vectors"] else ""

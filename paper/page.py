@@ -137,7 +137,7 @@ def needed_windows() -> str:
         light = lines["light_field"]
         bands = [lines["exact"]["bands"]["within"], *(light["bands"][band] for band in ("within", "within, smooth"))]
         errors = (three(band["rms_voxel"]) for band in (*bands, light["bands"]["beyond"]))
-        inside = (three((100 * v for v in bands[1][f"inside_{n}_std"]), 0) for n in (1, 2))
+        inside = (comparison_tables.inside(bands[1], n) for n in (1, 2))
         cost = f"{light['correlation_s']:.0f}"
         rows.append((window if window == "none" else f"{window}, {overlap}", *errors, ", ".join(inside), cost))
     head = ("inner windows, overlap", "exact volumes", "LF-PIV", "LF-PIV, smooth flow", "LF-PIV beyond 6 mm")
