@@ -58,6 +58,8 @@ paper: $(VENV)/.ready  ## draw the source paper's figures anew, and write docs/p
 
 paper-full: paper  ## and the comparison of section 4 in all of the paper's volume: hours, 16 GB
 	$(BIN)/python paper/comparison.py full
+	$(BIN)/python paper/ghosts.py
+	$(BIN)/python paper/page.py
 
 comparison: $(VENV)/.ready  ## of this only LF-PIV, Tomo-PIV and a DNS jet: section 4 in a cut of its volume
 	$(BIN)/python paper/comparison.py reduced

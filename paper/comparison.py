@@ -6,7 +6,7 @@ paper's settings; Tomo-PIV of the light field's particles in windows of the same
 once more with windows within these windows.
 
 Writes results/comparison.json, its table results/comparison.md, and figures to docs/images/paper (comparison-full of
-the full size); fields, with the DNS beside them, to build/comparison.
+the full size, and what they show to results/fields); fields, with the DNS beside them, to build/comparison.
 """
 
 from __future__ import annotations
@@ -150,11 +150,16 @@ def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ..
         for title, told in found.items():
             print(f"{TITLES[title]}: {json.dumps(told['errors']['window_mean']['all'])}", flush=True)
         cases |= found
+        for title in set(found).intersection(comparison_figures.DRAWN if size == "full" else ()):
+            comparison_figures.keep(fields, setting, title, target / "fields")
         file.write_text(json.dumps({"size": size, "jet_m_s": JET_M_S, "cases": cases}, indent=1) + "\n")
     if set(cases) == set(TITLES):
         results = json.loads(file.read_text())
         (target / f"{stem}.md").write_text(tables(results))
-        comparison_figures.draw(results, setting, fields, out / "docs" / "images" / "paper", stem)
+        missing = comparison_figures.draw(results, setting, fields, out / "docs" / "images" / "paper", stem)
+        for name in missing:
+            again = f"measure it again: --only {name.removesuffix('_inner')}"
+            print(f"not in slices and vortices: {TITLES[name]}, whose field is not in {fields}; {again}")
     return cases
 
 

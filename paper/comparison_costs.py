@@ -16,6 +16,8 @@ CAMERAS = 4
 SIGHT = 2.5e-8  # s, a voxel in one camera's lines of sight, one core
 CORRECT = 7.5e-8  # s, a listed voxel projected and corrected, for one camera (decision 22)
 LISTED = 0.1  # of the voxels that lines of sight leave at 0.05 particles per pixel
+LARGE = 1e9  # bytes of planes looked at at once: of more, the system makes the pages anew again and again
+SLOWER = 1.8  # times as long, volumes of such planes
 LISTED_BYTES = 40.0  # a listed voxel while its frame is reconstructed, the frame before it (6) with it
 
 
@@ -56,7 +58,7 @@ def tomo_cost(setting: TomoSetting) -> tuple[float, float]:
     pair = duration.correlation_s(grid, correlation.passes) + _again(setting)
     layer = 4.0 * 2 * prod(grid.shape[1:]) * setting.windows[0][2]
     peak = memory.BASE + LISTED_BYTES * LISTED * grid.size + layer
-    return peak, (2 * frame + pair) / numba.get_num_threads()
+    return peak, (SLOWER if layer > LARGE else 1.0) * (2 * frame + pair) / numba.get_num_threads()
 
 
 def announced(setting: Comparison) -> list[str]:

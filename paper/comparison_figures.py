@@ -42,11 +42,34 @@ FINE_MM = 0.15  # spacing at which the DNS is drawn
 LEVELS = np.linspace(-0.1, 1.1, 13)
 VORTEX_JET2 = 1.0  # Q of the isosurface, in units of (U / D)^2
 JET_DIAMETER_MM = 6.0
+KEPT = Path(__file__).parent / "results" / "fields"  # of the full size, which takes hours
+
+
+def field_file(fields: Path, setting: Comparison, name: str) -> Path | None:
+    """A field as it was measured, or what is KEPT of it; None if neither is there."""
+    files = (folder / f"{setting.name}-{name}.nc" for folder in (fields, KEPT))
+    return next((file for file in files if file.exists()), None)
+
+
+def keep(fields: Path, setting: Comparison, name: str, folder: Path = KEPT) -> None:
+    """Write what figures show of a field into ``folder``: velocities to 0.05 mm/s, half a megabyte."""
+    field = shown(fields, setting, name)[[*"uvw", "u_true", "v_true", "w_true", "judged"]]
+    short = {"dtype": "int16", "scale_factor": 1e-4, "_FillValue": -(2**15)}
+    packed = {"zlib": True, "complevel": 9, "shuffle": True}
+    encoding = {v: packed | ({} if v == "judged" else short) for v in map(str, field.data_vars)}
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{setting.name}-{name}.nc"
+    field.drop_vars([c for c in field.coords if c not in field.dims]).to_netcdf(
+        file, engine="h5netcdf", encoding=encoding
+    )
 
 
 def shown(fields: Path, setting: Comparison, name: str) -> xr.Dataset:
-    """A field where its vectors are judged."""
-    with xr.open_dataset(fields / f"{setting.name}-{name}.nc", engine="h5netcdf") as file:
+    """A field where its vectors are judged. Raises FileNotFoundError where it is not there."""
+    found = field_file(fields, setting, name)
+    if found is None:
+        raise FileNotFoundError(f"{fields / f'{setting.name}-{name}.nc'}: measure it first")
+    with xr.open_dataset(found, engine="h5netcdf") as file:
         field = file.load()
     judged = field.judged.values.astype(bool)
     z, y, x = (np.flatnonzero(judged.any(tuple(k for k in range(3) if k != axis))) for axis in range(3))
@@ -175,10 +198,15 @@ def save(figure: Figure, file: Path) -> None:
     Image.open(drawn).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(file, optimize=True)
 
 
-def draw(results: dict[str, Any], setting: Comparison, fields: Path, folder: Path, stem: str) -> None:
-    """All three figures into ``folder``, their names beginning with ``stem``."""
+def draw(results: dict[str, Any], setting: Comparison, fields: Path, folder: Path, stem: str) -> list[str]:
+    """All three figures into ``folder``, their names beginning with ``stem``. Returns what is missing in slices and
+    vortices, as its field is not among ``fields``; without LF-PIV's, whose places they show, these are not drawn."""
     folder.mkdir(parents=True, exist_ok=True)
-    found = {name: shown(fields, setting, name) for name in DRAWN}
-    save(slices(found, setting), folder / f"{stem}-slices.png")
     save(errors(results), folder / f"{stem}-errors.png")
+    here = [name for name in DRAWN if field_file(fields, setting, name)]
+    if "light_field" not in here:
+        return list(DRAWN)
+    found = {name: shown(fields, setting, name) for name in here}
+    save(slices(found, setting), folder / f"{stem}-slices.png")
     save(vortices(found, setting), folder / f"{stem}-vortices.png")
+    return [name for name in DRAWN if name not in here]

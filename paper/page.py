@@ -161,6 +161,18 @@ def comparison_full() -> str:
     return comparison_tables.in_voxels(results("comparison-full")["cases"], ("light_field", "light_field_inner"))
 
 
+def ghosts() -> str:
+    """Matched Tomo-PIV about the jet's middle, with its ghosts and without."""
+    rows = []
+    for line in results("ghosts")["cases"]:
+        cells = [" x ".join(f"{side:g}" for side in line["lit_mm"]), f"{100 * line['light_of_ghosts']:.0f}"]
+        for found in (line["as_it_is"], line["without_ghosts"]):
+            cells += [f"{100 * found['gross']:.0f}", three(found["rms_mm_s"], 0)]
+        rows.append(cells)
+    head = ("lit, mm", "light that is not near a particle, %", "gross %", "RMS, mm/s")
+    return table((*head, "without that light: gross %", "RMS, mm/s"), rows)
+
+
 def fill(text: str, name: str, content: str) -> str:
     """The text with ``content`` between the marks of ``name``."""
     begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
@@ -178,6 +190,7 @@ TABLES = {
     "comparison inner": lambda: comparison_tables.by_depth(results("comparison")["cases"], comparison_tables.INNER),
     "comparison full": comparison_full,
     "comparison full methods": lambda: comparison_tables.by_method(results("comparison-full")["cases"]),
+    "ghosts": ghosts,
     "comparison once": lambda: comparison_tables.once(results("comparison")["cases"]),
     "needed tracks": needed_tracks,
     "needed windows": needed_windows,

@@ -41,6 +41,31 @@ def test_everything_is_written(tiny):
         assert 8_000 < size < 200_000
 
 
+def test_figures_of_fields_that_are_there(tiny, tmp_path):
+    out, _ = tiny
+    results = json.loads((out / "paper/results/comparison.json").read_text())
+    for name in ("light_field", "tomo"):
+        (tmp_path / f"tiny-{name}.nc").symlink_to(out / f"build/comparison/tiny-{name}.nc")
+    missing = comparison_figures.draw(results, TINY, tmp_path, tmp_path / "two", "c")
+    assert missing == ["light_field_inner", "two", "matched"]
+    assert {file.name for file in (tmp_path / "two").iterdir()} == {"c-slices.png", "c-errors.png", "c-vortices.png"}
+    (tmp_path / "tiny-light_field.nc").unlink()
+    assert comparison_figures.draw(results, TINY, tmp_path, tmp_path / "none", "c") == list(comparison_figures.DRAWN)
+    assert [file.name for file in (tmp_path / "none").iterdir()] == ["c-errors.png"]
+
+
+def test_what_is_kept_of_a_field(tiny, tmp_path):
+    fields = tiny[0] / "build/comparison"
+    comparison_figures.keep(fields, TINY, "light_field", tmp_path)
+    whole, kept = (comparison_figures.shown(folder, TINY, "light_field") for folder in (fields, tmp_path))
+    for name in ("u", "w", "v_true"):
+        assert float(np.abs(whole[name] - kept[name]).max()) <= 0.51e-4
+    np.testing.assert_array_equal(whole.judged, kept.judged)
+    assert (tmp_path / "tiny-light_field.nc").stat().st_size < (fields / "tiny-light_field.nc").stat().st_size
+    with pytest.raises(FileNotFoundError, match="measure it first"):
+        comparison_figures.shown(tmp_path, TINY, "tomo")
+
+
 @pytest.mark.parametrize("name", comparison.TITLES)
 def test_every_method_sees_the_jet(tiny, name):
     out, cases = tiny

@@ -9,5 +9,6 @@
 - ``sparse``: the same voxel by voxel and lens by lens, for rays and as the maps' reference
 - ``projector``: the views of a plenoptic camera
 - ``shadows``, ``pinhole``: the same for pinhole cameras around a volume, each of which is a view
+- ``correction``: what a voxel is multiplied by
 - ``protocol``: what MART uses of either
 """

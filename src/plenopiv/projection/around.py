@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField
+from plenopiv.projection.correction import correct
 from plenopiv.projection.mounting import Mounting
 from plenopiv.projection.projector import Projector
-from plenopiv.projection.protocol import correct
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 

@@ -67,7 +67,7 @@ class MappedViews:
         self._gather(views, images, volume, 0, out)
 
     def multiply(self, views: NDArray[np.int64], corrections: NDArray[np.float32], volume: SparseVolume) -> None:
-        """Multiply the voxels by ``rows.factor_of`` what ``gather`` gives of ``corrections``."""
+        """Multiply the voxels by ``factor_of`` what ``gather`` gives of ``corrections``."""
         self._gather(views, corrections, volume, len(views), volume.values)
 
     def look(self, views: NDArray[np.int64]) -> tuple[NDArray[np.int64], Views]:

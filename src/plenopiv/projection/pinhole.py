@@ -12,7 +12,7 @@ pixels, computed when they are needed, with the shape that it has at the volume'
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from plenopiv.cameras.pinhole import PinholeCamera, share_seen
 from plenopiv.errors import PlenoPIVError
 from plenopiv.projection import shadows
-from plenopiv.projection.protocol import correct
+from plenopiv.projection.correction import correct
 from plenopiv.projection.shadows import Sight
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
@@ -94,18 +94,24 @@ class PinholeProjector:
         """For each listed voxel the sum of ``images`` over the pixels that it lights, each by its share of the voxel's
         light; of one camera, ``images`` (pixel,), or of several, (camera, pixel)."""
         out = np.zeros(volume.values.size, np.float32)
-        chunks = self._row_chunks(volume)
         for view, image in zip(np.atleast_1d(views), np.atleast_2d(images), strict=True):
-            listed = chunks, volume.row_start, volume.column
-            in_threads(
-                shadows.gather, CHUNKS, self._sights[view], self.grid.shape[1], *listed, image.astype(np.float32), out
-            )
+            self._back(shadows.gather, view, image, volume, out)
         return out
 
     def multiply(self, views: ArrayLike, corrections: NDArray[np.float32], volume: SparseVolume) -> None:
         """Multiply each voxel by 1 plus the share-weighted sum of ``corrections`` over the pixels that it lights, or
         empty it where that is negative; n cameras at once whose corrections sum to S < 0 by (1 + S/n)^n."""
-        correct(volume, self.gather(views, corrections, volume), np.size(views))
+        if np.size(views) > 1:
+            correct(volume, self.gather(views, corrections, volume), np.size(views))
+        else:  # a list of hundreds of millions of voxels has no second one beside it
+            self._back(shadows.multiply, np.atleast_1d(views)[0], np.atleast_2d(corrections)[0], volume, volume.values)
+
+    def _back(
+        self, way: Callable[..., None], view: int, image: NDArray, volume: SparseVolume, out: NDArray[np.float32]
+    ) -> None:
+        """Take the image of one camera back to the listed voxels."""
+        listed = self._row_chunks(volume), volume.row_start, volume.column
+        in_threads(way, CHUNKS, self._sights[view], self.grid.shape[1], *listed, image.astype(np.float32), out)
 
     def lit_in_every_camera(self, images: NDArray[np.float32], threshold: float) -> SparseVolume:
         """The voxels whose shadow meets more than ``threshold`` counts in every camera of ``images`` (camera, pixel).

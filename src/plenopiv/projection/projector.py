@@ -12,9 +12,9 @@ from plenopiv.cameras.coverage import half_sensor_mm
 from plenopiv.lightfield import Layout
 from plenopiv.projection import geometry, pixels, pruning, sparse
 from plenopiv.projection.borders import borders_coincide, rule_out_together
+from plenopiv.projection.correction import correct
 from plenopiv.projection.mapped import MappedViews
 from plenopiv.projection.maps import ACROSS
-from plenopiv.projection.protocol import correct
 from plenopiv.threads import in_threads, in_turn
 from plenopiv.volume import SparseVolume, VoxelGrid
 

@@ -10,11 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from plenopiv.volume import SparseVolume
 
 
-def correct(volume: SparseVolume, total: NDArray[np.float32], views: int) -> None:
-    """Multiply the voxels by what ``rows.factor_of`` makes of ``total``, the sums of so many views' corrections."""
-    volume.values[:] *= np.where(total >= 0, 1 + total, np.maximum(1 + total / views, 0) ** views)
-
-
 class Projection(Protocol):
     """Between a volume and its views: portions of one main lens (``Projector``), or one camera each
     (``PinholeProjector``). Each view has as many pixels; ``forward`` and ``multiply`` share every weight."""

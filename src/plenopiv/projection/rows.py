@@ -10,23 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from plenopiv.kernels import inlined, kernel, part
+from plenopiv.projection.correction import factor_of
 from plenopiv.projection.simd import add_products, row_products
 
 F = np.float32
 LINE = F(0.8)  # of a product of a voxel, what one along a line costs
-
-
-@inlined
-def factor_of(total, views):
-    """What a voxel is multiplied by when the corrections of so many views sum to ``total``: 1 + total where they add
-    light, and where they take it (1 + total / views)^views, which the product of 1 + each never exceeds; >= 0."""
-    if total >= F(0):
-        return F(1) + total
-    each = max(F(1) + total / F(views), F(0))
-    factor = each
-    for _ in range(views - 1):
-        factor *= each
-    return factor
 
 
 @inlined

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from plenopiv.kernels import borrowed, inlined, kernel
+from plenopiv.projection.correction import factor_of
 
 F = np.float32
 Place = tuple[float, float, float]
@@ -116,6 +117,17 @@ def gather(begin, end, sight, ny, chunks, row_start, column, image, out):
         for v in range(row_start[of], row_start[of + 1]):
             c, r = image_of(sight, row, np.int64(column[v]))
             out[v] += shadow_sum(sight, image, c, r)
+
+
+@kernel
+def multiply(begin, end, sight, ny, chunks, row_start, column, image, values):
+    """``gather`` of a single camera's corrections, by which ``values`` (voxel,) are multiplied at once."""
+    row_start, column, image, values = borrowed((row_start, column, image, values))
+    for of in range(chunks[begin], chunks[end]):
+        row = row_of(sight, of % ny, of // ny)
+        for v in range(row_start[of], row_start[of + 1]):
+            c, r = image_of(sight, row, np.int64(column[v]))
+            values[v] *= factor_of(shadow_sum(sight, image, c, r), 1)
 
 
 @kernel

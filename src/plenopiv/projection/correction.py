@@ -1,0 +1,37 @@
+"""What a voxel is multiplied by once the corrections of a few views are summed (``reconstruction.mart``)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.kernels import inlined, kernel
+from plenopiv.threads import in_threads
+from plenopiv.volume import SparseVolume
+
+F = np.float32
+
+
+@inlined
+def factor_of(total, views):
+    """What a voxel is multiplied by when the corrections of so many views sum to ``total``: 1 + total where they add
+    light, and where they take it (1 + total / views)^views, which the product of 1 + each never exceeds; >= 0."""
+    if total >= F(0):
+        return F(1) + total
+    each = max(F(1) + total / F(views), F(0))
+    factor = each
+    for _ in range(views - 1):
+        factor *= each
+    return factor
+
+
+@kernel
+def multiply_by(begin, end, total, views, values):
+    """Multiply the voxels ``begin`` to ``end`` by what ``factor_of`` makes of ``total``."""
+    for v in range(begin, end):
+        values[v] *= factor_of(total[v], views)
+
+
+def correct(volume: SparseVolume, total: NDArray[np.float32], views: int) -> None:
+    """Multiply the voxels by what ``factor_of`` makes of ``total``, the sums of so many views' corrections."""
+    in_threads(multiply_by, total.size, total, views, volume.values)
