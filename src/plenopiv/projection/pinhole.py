@@ -12,7 +12,7 @@ pixels, computed when they are needed, with the shape that it has at the volume'
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -95,7 +95,7 @@ class PinholeProjector:
         light; of one camera, ``images`` (pixel,), or of several, (camera, pixel)."""
         out = np.zeros(volume.values.size, np.float32)
         for view, image in zip(np.atleast_1d(views), np.atleast_2d(images), strict=True):
-            self._back(shadows.gather, view, image, volume, out)
+            self._back(view, image, volume, False, out)
         return out
 
     def multiply(self, views: ArrayLike, corrections: NDArray[np.float32], volume: SparseVolume) -> None:
@@ -104,14 +104,13 @@ class PinholeProjector:
         if np.size(views) > 1:
             correct(volume, self.gather(views, corrections, volume), np.size(views))
         else:  # a list of hundreds of millions of voxels has no second one beside it
-            self._back(shadows.multiply, np.atleast_1d(views)[0], np.atleast_2d(corrections)[0], volume, volume.values)
+            self._back(np.atleast_1d(views)[0], np.atleast_2d(corrections)[0], volume, True, volume.values)
 
-    def _back(
-        self, way: Callable[..., None], view: int, image: NDArray, volume: SparseVolume, out: NDArray[np.float32]
-    ) -> None:
-        """Take the image of one camera back to the listed voxels."""
+    def _back(self, view: int, image: NDArray, volume: SparseVolume, multiply: bool, out: NDArray[np.float32]) -> None:
+        """``shadows.gather`` of the image of one camera."""
         listed = self._row_chunks(volume), volume.row_start, volume.column
-        in_threads(way, CHUNKS, self._sights[view], self.grid.shape[1], *listed, image.astype(np.float32), out)
+        about = self._sights[view], self.grid.shape[1], *listed, image.astype(np.float32), multiply, out
+        in_threads(shadows.gather, CHUNKS, *about)
 
     def lit_in_every_camera(self, images: NDArray[np.float32], threshold: float) -> SparseVolume:
         """The voxels whose shadow meets more than ``threshold`` counts in every camera of ``images`` (camera, pixel).

@@ -109,25 +109,16 @@ def project(begin, end, sight, ny, chunks, row_start, column, values, partial):
 
 
 @kernel
-def gather(begin, end, sight, ny, chunks, row_start, column, image, out):
-    """Add, for each listed voxel of the chunks, the sum of ``image`` over its shadow to ``out`` (voxel,)."""
+def gather(begin, end, sight, ny, chunks, row_start, column, image, multiply, out):
+    """Add, for each listed voxel of the chunks, the sum of ``image`` over its shadow to ``out`` (voxel,); or
+    ``multiply`` that by what ``factor_of`` makes of the sum, one camera's corrections."""
     row_start, column, image, out = borrowed((row_start, column, image, out))
     for of in range(chunks[begin], chunks[end]):
         row = row_of(sight, of % ny, of // ny)
         for v in range(row_start[of], row_start[of + 1]):
             c, r = image_of(sight, row, np.int64(column[v]))
-            out[v] += shadow_sum(sight, image, c, r)
-
-
-@kernel
-def multiply(begin, end, sight, ny, chunks, row_start, column, image, values):
-    """``gather`` of a single camera's corrections, by which ``values`` (voxel,) are multiplied at once."""
-    row_start, column, image, values = borrowed((row_start, column, image, values))
-    for of in range(chunks[begin], chunks[end]):
-        row = row_of(sight, of % ny, of // ny)
-        for v in range(row_start[of], row_start[of + 1]):
-            c, r = image_of(sight, row, np.int64(column[v]))
-            values[v] *= factor_of(shadow_sum(sight, image, c, r), 1)
+            total = shadow_sum(sight, image, c, r)
+            out[v] = out[v] * factor_of(total, 1) if multiply else out[v] + total
 
 
 @kernel
