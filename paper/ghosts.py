@@ -10,7 +10,6 @@ Writes results/ghosts.json.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +18,11 @@ import tomo_case
 from comparison_scores import score
 from comparison_settings import DEPTH_MM, LightFieldSetting, TomoSetting, matched
 from lightfield_case import Reconstructed, seeded
-from numpy.typing import NDArray
 from outputs import command_line, write_numbers
-from scipy.spatial import cKDTree
 
+from plenopiv.accuracy.volumes import ghost_light, near_particles
 from plenopiv.simulation.flows import flow
-from plenopiv.simulation.particles import Particles
-from plenopiv.volume import SparseVolume, VoxelGrid
+from plenopiv.volume import DenseVolume, Volume, VoxelGrid
 
 BOX_MM = (6.0, 5.0, 6.0)  # looked at, about the origin
 LIT_MM = ((6.0, 5.0), (14.0, 13.0))  # across; 20 mm deep
@@ -33,7 +30,7 @@ NEAR = 3.0  # voxels: light further than that from all particles is a ghost's
 SEED = 0
 
 
-def middle(volume: SparseVolume, sizes_mm: tuple[float, float, float]) -> SparseVolume:
+def middle(volume: Volume, sizes_mm: tuple[float, float, float]) -> DenseVolume:
     """The voxels of a box about the middle, its faces those of voxels."""
     grid, counts = volume.grid, []
     for n, size, voxel in zip(grid.shape[::-1], sizes_mm, grid.voxel_mm, strict=True):
@@ -42,21 +39,10 @@ def middle(volume: SparseVolume, sizes_mm: tuple[float, float, float]) -> Sparse
     kept = volume.slab(first[2], first[2] + nz)[:, first[1] : first[1] + ny, first[0] : first[0] + nx]
     begins = tuple(a + k * v for a, k, v in zip(grid.first_mm, first, grid.voxel_mm, strict=True))
     box = VoxelGrid(begins, grid.voxel_mm, (nz, ny, nx))  # type: ignore[arg-type]
-    return SparseVolume.from_mask(box, kept > 0).with_values(kept[kept > 0])
+    return DenseVolume(box, kept)
 
 
-def near_particles(volume: SparseVolume, particles: Particles) -> NDArray[np.bool_]:
-    """Which listed voxels lie within NEAR voxels of a particle."""
-    grid = volume.grid
-    row = np.repeat(np.arange(volume.row_start.size - 1), np.diff(volume.row_start))
-    index = np.column_stack([volume.column, row % grid.shape[1], row // grid.shape[1]])
-    places = (particles.position_mm - grid.first_mm) / grid.voxel_mm
-    inside = ((places > -NEAR) & (places < np.array(grid.shape[::-1]) + NEAR)).all(1)
-    distance, _ = cKDTree(places[inside]).query(index, distance_upper_bound=NEAR, workers=-1)
-    return np.isfinite(distance)
-
-
-def measured(whole: Reconstructed, volumes: list[SparseVolume], own: TomoSetting) -> dict[str, Any]:
+def measured(whole: Reconstructed, volumes: list[DenseVolume], own: TomoSetting) -> dict[str, Any]:
     """Errors of what windows find in two volumes."""
     part = replace(whole, setting=own, volumes=volumes, clock=whole.clock.continued())
     found = part.correlated()
@@ -70,14 +56,13 @@ def case(light: LightFieldSetting, box_mm: tuple[float, float, float]) -> dict[s
     setting, jet = matched(light), flow("jet")
     whole = tomo_case.reconstruct_tomo(setting, jet, seeded(light, jet, SEED), SEED)
     volumes = [middle(volume, box_mm) for volume in whole.volumes]
-    near = [near_particles(*each) for each in zip(volumes, whole.particles, strict=True)]
-    values = volumes[0].values
+    places = [particles.position_mm for particles in whole.particles]
     own = replace(setting, volume_mm=volumes[0].grid.limits_mm(), inner_window=None)
-    without = [v.with_values(np.where(kept, v.values, np.float32(0))) for v, kept in zip(volumes, near, strict=True)]
+    without = [v.with_values(v.values * near_particles(v.grid, p, NEAR)) for v, p in zip(volumes, places, strict=True)]
     told = {
         "lit_mm": [high - low for low, high in light.volume_mm],
         "voxels": setting.grid.size,
-        "light_of_ghosts": float(values[~near[0]].sum(dtype=np.float64) / values.sum(dtype=np.float64)),
+        "light_of_ghosts": ghost_light(volumes[0], places[0], NEAR),
         "as_it_is": measured(whole, volumes, own),
         "without_ghosts": measured(whole, without, own),
         "seconds": whole.clock.wall_s,
@@ -88,14 +73,13 @@ def case(light: LightFieldSetting, box_mm: tuple[float, float, float]) -> dict[s
 
 def main(out: Path, reduced: bool) -> None:
     """Measure, and write as told above."""
-    lit, box, settings = LIT_MM, BOX_MM, partial(LightFieldSetting)
+    lit, depth, box = LIT_MM, DEPTH_MM, BOX_MM
     if reduced:
-        lit, box, settings = ((4.0, 4.0),), (4.0, 4.0, 4.0), partial(LightFieldSetting, rays=1000)
-    depth = (-2.0, 2.0) if reduced else DEPTH_MM
+        lit, depth, box = ((4.0, 4.0),), (-2.0, 2.0), (4.0, 4.0, 4.0)
     cases = []
     for width, height in lit:
         across = (-0.5 * width, 0.5 * width), (-0.5 * height, 0.5 * height)
-        cases.append(case(settings((*across, depth)), box))
+        cases.append(case(LightFieldSetting((*across, depth)), box))
     write_numbers(out, "ghosts", {"box_mm": box, "near_voxels": NEAR, "cases": cases})
 
 

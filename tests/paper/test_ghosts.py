@@ -11,7 +11,7 @@ sys.path.append(str(Path(__file__).parents[2] / "paper"))
 
 import ghosts
 
-from plenopiv.simulation.particles import Particles
+from plenopiv.accuracy.volumes import near_particles
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 GRID = VoxelGrid.covering((-1.0, 1.0), (-0.9, 0.9), (-0.7, 0.7), (0.1, 0.1, 0.1))
@@ -28,18 +28,16 @@ def test_the_middle_of_a_volume_lies_where_it_lay(volume):
     box = ghosts.middle(volume, (1.0, 0.6, 5.0))
     assert box.grid.shape == (14, 6, 10)
     np.testing.assert_allclose(box.grid.limits_mm(), [(-0.5, 0.5), (-0.3, 0.3), (-0.7, 0.7)], atol=1e-9)
-    np.testing.assert_array_equal(box.dense().values, volume.dense().values[:, 6:12, 5:15])
+    np.testing.assert_array_equal(box.values, volume.dense().values[:, 6:12, 5:15])
 
 
-def test_light_near_particles(volume):
+def test_voxels_near_particles():
     at = np.array([[0.02, 0.01, -0.3], [0.8, -0.8, 0.65], [5.0, 0.0, 0.0]])
-    near = ghosts.near_particles(volume, Particles(at, np.ones(3)))
-    x, y, z = (np.array(axis) for axis in GRID.axes())
-    k, j, i = np.nonzero(volume.dense().values)
-    places = np.column_stack([x[i], y[j], z[k]])
-    expected = [min(np.linalg.norm(place - p) for p in at) < ghosts.NEAR * 0.1 for place in places]
-    assert 0 < sum(expected) < len(expected) / 2
-    np.testing.assert_array_equal(near, expected)
+    z, y, x = np.meshgrid(*GRID.axes()[::-1], indexing="ij")
+    far = [np.sqrt((x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2) for a, b, c in at]
+    near = near_particles(GRID, at, ghosts.NEAR)
+    assert 0 < near.sum() < near.size / 2
+    np.testing.assert_array_equal(near, np.min(far, 0) <= ghosts.NEAR * 0.1)
 
 
 def test_it_is_ghosts():

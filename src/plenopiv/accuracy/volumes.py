@@ -76,7 +76,17 @@ def ghost_light(reconstructed: Volume, position_mm: ArrayLike, reach_voxels: flo
     is counted here is its intensity, not the number of its peaks. Distances are in voxels, from the particle to the
     voxels' centres; the default is one particle of three voxels away. NaN where the volume is empty.
     """
-    grid = reconstructed.grid
+    near = near_particles(reconstructed.grid, position_mm, reach_voxels)
+    total = ghosts = 0.0
+    for lo in range(0, len(near), PLANES):
+        values = reconstructed.slab(lo, min(lo + PLANES, len(near))).astype(np.float64)
+        total += float(values.sum())
+        ghosts += float(values[~near[lo : lo + PLANES]].sum())
+    return ghosts / total if total > 0 else float("nan")
+
+
+def near_particles(grid: VoxelGrid, position_mm: ArrayLike, reach_voxels: float = 3.0) -> NDArray[np.bool_]:
+    """Voxels (nz, ny, nx) whose centre is within ``reach_voxels`` of a particle at ``position_mm`` (n, 3)."""
     shape = np.array(grid.shape)
     index = ((np.asarray(position_mm, np.float64) - grid.first_mm) / grid.voxel_mm)[:, ::-1]
     near = np.zeros(grid.shape, bool)
@@ -86,12 +96,7 @@ def ghost_light(reconstructed: Volume, position_mm: ArrayLike, reach_voxels: flo
         close = ((voxel - index) ** 2).sum(1) <= reach_voxels**2
         inside = close & (voxel >= 0).all(1) & (voxel < shape).all(1)
         near[tuple(voxel[inside].T)] = True
-    total = ghosts = 0.0
-    for lo in range(0, grid.shape[0], PLANES):
-        values = reconstructed.slab(lo, min(lo + PLANES, grid.shape[0])).astype(np.float64)
-        total += float(values.sum())
-        ghosts += float(values[~near[lo : lo + PLANES]].sum())
-    return ghosts / total if total > 0 else float("nan")
+    return near
 
 
 def intensity_centre_mm(
