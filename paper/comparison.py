@@ -137,8 +137,8 @@ def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ..
     """Announce, measure, write JSON, table and figures into ``out``. ``only``: which cases to measure anew; the others
     are taken from earlier results of the same size."""
     setting, target = SIZES[size], out / "paper" / "results"
-    for line in announced(setting):
-        print(line, flush=True)
+    for name, line in announced(setting, only).items():
+        print(f"{TITLES[name]}: {line}", flush=True)
     stem = "comparison-full" if size == "full" else "comparison"
     fields, file = out / "build" / "comparison", target / f"{stem}.json"
     earlier = json.loads(file.read_text()) if file.exists() else {"size": None}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import prod
 
 import numba
@@ -18,6 +19,7 @@ CORRECT = 7.5e-8  # s, a listed voxel projected and corrected, for one camera (d
 LISTED = 0.1  # of the voxels that lines of sight leave at 0.05 particles per pixel
 LARGE = 1e9  # bytes of planes looked at at once: of more, the system makes the pages anew again and again
 SLOWER = 1.8  # times as long, volumes of such planes
+DENSE_BYTES = 10.0  # a voxel of exact volumes
 LISTED_BYTES = 40.0  # a listed voxel while its frame is reconstructed, the frame before it (6) with it
 
 
@@ -61,16 +63,27 @@ def tomo_cost(setting: TomoSetting) -> tuple[float, float]:
     return peak, (SLOWER if layer > LARGE else 1.0) * (2 * frame + pair) / numba.get_num_threads()
 
 
-def announced(setting: Comparison) -> list[str]:
-    """A line for each measurement."""
+def exact_cost(setting: LightFieldSetting) -> tuple[float, float]:
+    """Windows by themselves and within windows, of a volume that was dense when it was made."""
+    seconds = duration.correlation_s(setting.grid, correlation_of(setting).passes) + _again(setting)
+    return memory.BASE + DENSE_BYTES * setting.grid.size, seconds / numba.get_num_threads()
+
+
+def announced(setting: Comparison, names: Sequence[str]) -> dict[str, str]:
+    """Voxels, memory and time of each of these measurements."""
     costs = {
-        "LF-PIV": (setting.light_field.grid, light_field_cost(setting.light_field)),
-        "LF-PIV, two cameras": (setting.two.grid, two_cameras_cost(setting.two)),
-        "Tomo-PIV, the paper's": (setting.tomo.grid, tomo_cost(setting.tomo)),
-        "Tomo-PIV, matched": (setting.matched.grid, tomo_cost(setting.matched)),
+        "light_field": (light_field_cost, setting.light_field),
+        "exact": (exact_cost, setting.light_field),
+        "two": (two_cameras_cost, setting.two),
+        "tomo": (tomo_cost, setting.tomo),
+        "matched": (tomo_cost, setting.matched),
     }
-    return [
-        f"{name}: {' x '.join(map(str, grid.shape[::-1]))} voxels, about {peak / 1e9:.1f} GB and "
-        f"{duration.spoken(seconds)} on {numba.get_num_threads()} threads"
-        for name, (grid, (peak, seconds)) in costs.items()
-    ]
+    told = {}
+    for name in names:
+        cost, own = costs[name]
+        peak, seconds = cost(own)
+        told[name] = (
+            f"{' x '.join(map(str, own.grid.shape[::-1]))} voxels, about {peak / 1e9:.1f} GB and "
+            f"{duration.spoken(seconds)} on {numba.get_num_threads()} threads"
+        )
+    return told

@@ -177,6 +177,15 @@ class SparseVolume:
             out.reshape(-1, nx)[row, self.column[listed]] = self.values[listed]
         return out
 
+    def mask(self) -> NDArray[np.bool_]:
+        """Which voxels are listed, (nz, ny, nx)."""
+        out = np.zeros(self.grid.shape, bool)
+        ny = self.grid.shape[1]
+        for k, plane in enumerate(out):  # one by one: a row's number for every voxel would take more than the list
+            counts = np.diff(self.row_start[k * ny : (k + 1) * ny + 1])
+            plane[np.repeat(np.arange(ny), counts), self.column[self._plane(k)]] = True
+        return out
+
     def dense(self) -> DenseVolume:
         """The same volume with every voxel stored."""
         return DenseVolume(self.grid, self.slab(0, self.grid.shape[0]))

@@ -127,7 +127,9 @@ def test_announced_costs_of_the_full_size_are_those_of_the_light_field_s_measure
     peak, seconds = comparison_costs.light_field_cost(FULL.light_field)
     assert 2e9 < peak < 4e9  # docs/accuracy.md, Full size: 2.8 GB
     assert 300 < seconds < 3000
-    assert len(comparison_costs.announced(FULL)) == 4
+    told = comparison_costs.announced(FULL, comparison.MEASUREMENTS)
+    assert tuple(told) == comparison.MEASUREMENTS
+    assert told["light_field"].startswith(f"2100 x 1400 x 260 voxels, about {peak / 1e9:.1f} GB and ")
 
 
 def test_both_methods_see_the_same_particles_when_matched():

@@ -55,9 +55,17 @@ def test_a_turned_list_holds_the_same_light_at_the_same_places(mounting):
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 def test_the_dense_volume_turned_by_hand(mounting):
     volume = listed()
-    by_hand = np.transpose(volume.dense().values, [3 - abs(a) for a in mounting.axes[::-1]])
-    flip = tuple(axis for axis, a in enumerate(mounting.axes[::-1]) if a < 0)
-    np.testing.assert_array_equal(turned(volume, mounting).volume.dense().values, np.flip(by_hand, flip))
+    own = turned(volume, mounting).volume.dense().values
+    np.testing.assert_array_equal(own, mounting.planes(volume.dense().values))
+    np.testing.assert_array_equal(mounting.inverse().planes(own), volume.dense().values)
+
+
+def test_planes_that_a_camera_at_the_side_sees():
+    """Its nearest are the object's last columns; on its left is +z, up stays up."""
+    values = np.arange(2 * 3 * 4).reshape(2, 3, 4)
+    seen = SIDE.planes(values)
+    assert seen.shape == (4, 3, 2)
+    np.testing.assert_array_equal(seen[3, 1], [values[1, 1, 3], values[0, 1, 3]])
 
 
 def test_signs_of_a_camera_at_the_side():

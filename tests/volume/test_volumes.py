@@ -37,6 +37,7 @@ def test_covering_an_interval_that_voxels_do_not_divide():
 
 def test_sparse_and_dense_are_the_same_volume():
     mask, volume = random_volume()
+    np.testing.assert_array_equal(volume.mask(), mask)
     want = np.zeros(GRID.shape, np.float32)
     want[mask] = volume.values
     np.testing.assert_array_equal(volume.dense().values, want)

@@ -15,16 +15,17 @@ from numpy.typing import ArrayLike, NDArray
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField
 from plenopiv.projection.correction import correct
-from plenopiv.projection.mounting import Mounting
+from plenopiv.projection.mounting import FRONT, Mounting
 from plenopiv.projection.projector import Projector
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 
 class Turned(NamedTuple):
-    """A list of voxels in a camera's order; ``order``: of each the place in the list that it came from."""
+    """A list of voxels in a camera's order; ``order``: of each the place in the list that it came from; all of it where
+    both are one."""
 
     volume: SparseVolume
-    order: NDArray[np.int64]
+    order: NDArray[np.int64] | slice
 
 
 class CamerasAround:
@@ -82,14 +83,10 @@ class CamerasAround:
 
     def left_by_all(self, volumes: Sequence[SparseVolume]) -> SparseVolume:
         """The voxels that are in every one of ``volumes``, a list of each camera in its own order; values are 1."""
-        left: NDArray[np.int64] | None = None
+        left = np.ones(self.grid.shape, bool)
         for volume, mounting in zip(volumes, self.mountings, strict=True):
-            found = np.ravel_multi_index(places_of(turned(volume, mounting.inverse()).volume)[::-1], self.grid.shape)
-            left = found if left is None else np.intersect1d(left, found, assume_unique=True)
-        assert left is not None
-        row, column = np.divmod(left, self.grid.shape[2])
-        ones = np.ones(left.size, np.float32)
-        return SparseVolume(self.grid, _starts(row, self.grid), column.astype(np.uint16), ones)
+            left &= mounting.inverse().planes(volume.mask())
+        return SparseVolume.from_mask(self.grid, left)
 
     def _stacked(self, each: Sequence[NDArray]) -> NDArray:
         out = np.zeros((self.views, self._lenses), each[0].dtype)
@@ -117,17 +114,15 @@ def places_of(volume: SparseVolume) -> tuple[NDArray[np.uint16], NDArray[np.uint
 
 def turned(volume: SparseVolume, mounting: Mounting) -> Turned:
     """A list of the object's voxels in the order of a camera mounted so, its values as they are now."""
+    if mounting == FRONT:
+        return Turned(volume, slice(None))
     grid, own, object_places = mounting.grid(volume.grid), list[NDArray[np.uint16]](), places_of(volume)
     for axis, count in zip(mounting.axes, grid.shape[::-1], strict=True):
         place = object_places[abs(axis) - 1]
         own.append(np.uint16(count - 1) - place if axis < 0 else place)
-    order = np.argsort(own[0], kind="stable")  # of 16 bits: by counting
-    for place in own[1:]:
-        order = order[np.argsort(place[order], kind="stable")]
-    row = own[2][order].astype(np.int64) * grid.shape[1] + own[1][order]
-    return Turned(SparseVolume(grid, _starts(row, grid), own[0][order], volume.values[order]), order)
-
-
-def _starts(row: NDArray[np.int64], grid: VoxelGrid) -> NDArray[np.int64]:
-    """Where each row of a list begins, ``row`` being that of each voxel, ascending."""
-    return np.searchsorted(row, np.arange(grid.shape[0] * grid.shape[1] + 1)).astype(np.int64)
+    rank = np.ravel_multi_index(own[::-1], grid.shape).astype(np.min_scalar_type(grid.size))
+    order = np.argsort(rank)
+    row, column = np.divmod(rank[order], grid.shape[2])
+    counts = np.bincount(row, minlength=grid.shape[0] * grid.shape[1])
+    start = np.concatenate([[0], np.cumsum(counts)])
+    return Turned(SparseVolume(grid, start, column.astype(np.uint16), volume.values[order]), order)

@@ -49,6 +49,11 @@ class Mounting:
         """Limits ((x lo, hi), (y lo, hi), (z lo, hi)) of a box of the object, along the camera's own axes."""
         return tuple(tuple(sorted(np.sign(a) * edge for edge in limits_mm[abs(a) - 1])) for a in self.axes)
 
+    def planes(self, values: NDArray) -> NDArray:
+        """A view of values of voxels (nz, ny, nx) of the object, along the camera's own axes."""
+        turned = np.transpose(values, [3 - abs(a) for a in self.axes[::-1]])
+        return np.flip(turned, tuple(n for n, a in enumerate(self.axes[::-1]) if a < 0))
+
     def grid(self, grid: VoxelGrid) -> VoxelGrid:
         """The same voxels, numbered along the camera's own axes."""
         nz, ny, nx = grid.shape
