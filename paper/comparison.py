@@ -27,10 +27,10 @@ import numba
 import tomo_case
 import two_cameras_case
 from comparison_costs import announced
-from comparison_scores import judged, score
+from comparison_scores import Judge, judged
 from comparison_settings import JET_M_S, SIZES, Comparison
 from comparison_tables import inside, vorticity
-from lightfield_case import Measured, Reconstructed, Setting
+from lightfield_case import Measured, Reconstructed
 from outputs import table, three
 
 from plenopiv.io.netcdf import write_velocity
@@ -73,20 +73,21 @@ def case(name: str, setting: Comparison, fields: Path) -> dict[str, dict[str, An
     """Measure, score, and write the fields with the window mean of the DNS as u_true, v_true, w_true and ``judged``.
     Results by the names of TITLES."""
     volumes = reconstructed(name, setting)
-    found = {name: scored(name, volumes.correlated(), volumes.setting, setting, fields)}
+    judge = Judge(flow("jet", at_mm=setting.jet_at_mm), volumes.setting.judged_mm)
+    found = {name: scored(name, volumes.correlated(), judge, setting, fields)}
     if volumes.setting.inner_window is not None:
         again = volumes.correlated(volumes.setting.inner_window)
-        found[f"{name}_inner"] = scored(f"{name}_inner", again, volumes.setting, setting, fields)
+        found[f"{name}_inner"] = scored(f"{name}_inner", again, judge, setting, fields)
     return found
 
 
-def scored(name: str, result: Measured, own: Setting, setting: Comparison, fields: Path) -> dict[str, Any]:
+def scored(name: str, result: Measured, judge: Judge, setting: Comparison, fields: Path) -> dict[str, Any]:
     """What is told of one field; it is written."""
     peak = peak_so_far()
-    told, true = score(result, flow("jet", at_mm=setting.jet_at_mm), own.judged_mm)
+    told, true = judge.score(result)
     dims = ("z", "y", "x")
     field = result.field.assign({f"{c}_true": (dims, v, {"units": "m s-1"}) for c, v in zip("uvw", true, strict=True)})
-    field = field.assign(judged=(dims, judged(result, own.judged_mm).astype("int8")))
+    field = field.assign(judged=(dims, judged(result, judge.limits_mm).astype("int8")))
     fields.mkdir(parents=True, exist_ok=True)
     write_velocity(fields / f"{setting.name}-{name}.nc", field)
     return told | {"peak_gb": None if peak is None else round(peak / 1e9, 3), "threads": numba.get_num_threads()}

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import tomo_case
-from comparison_scores import score
+from comparison_scores import Judge
 from comparison_settings import DEPTH_MM, LightFieldSetting, TomoSetting, matched
 from lightfield_case import Reconstructed, seeded
 from outputs import command_line, write_numbers
@@ -42,11 +42,11 @@ def middle(volume: Volume, sizes_mm: tuple[float, float, float]) -> DenseVolume:
     return DenseVolume(box, kept)
 
 
-def measured(whole: Reconstructed, volumes: list[DenseVolume], own: TomoSetting) -> dict[str, Any]:
+def measured(whole: Reconstructed, volumes: list[DenseVolume], own: TomoSetting, judge: Judge) -> dict[str, Any]:
     """Errors of what windows find in two volumes."""
     part = replace(whole, setting=own, volumes=volumes, clock=whole.clock.continued())
     found = part.correlated()
-    told, _ = score(replace(found, seen=np.ones(found.seen.shape, bool)), flow("jet"))
+    told, _ = judge.score(replace(found, seen=np.ones(found.seen.shape, bool)))
     everywhere = told["errors"]["window_mean"]["all"]
     return {key: everywhere[key] for key in ("vectors", "gross", "rms_mm_s", "bias_mm_s")}
 
@@ -54,6 +54,7 @@ def measured(whole: Reconstructed, volumes: list[DenseVolume], own: TomoSetting)
 def case(light: LightFieldSetting, box_mm: tuple[float, float, float]) -> dict[str, Any]:
     """Tomo-PIV of a light field's particles, in a box about its middle, with ghosts and without."""
     setting, jet = matched(light), flow("jet")
+    judge = Judge(jet)
     whole = tomo_case.reconstruct_tomo(setting, jet, seeded(light, jet, SEED), SEED)
     volumes = [middle(volume, box_mm) for volume in whole.volumes]
     places = [particles.position_mm for particles in whole.particles]
@@ -63,8 +64,8 @@ def case(light: LightFieldSetting, box_mm: tuple[float, float, float]) -> dict[s
         "lit_mm": [high - low for low, high in light.volume_mm],
         "voxels": setting.grid.size,
         "light_of_ghosts": ghost_light(volumes[0], places[0], NEAR),
-        "as_it_is": measured(whole, volumes, own),
-        "without_ghosts": measured(whole, without, own),
+        "as_it_is": measured(whole, volumes, own, judge),
+        "without_ghosts": measured(whole, without, own, judge),
         "seconds": whole.clock.wall_s,
     }
     print(told, flush=True)

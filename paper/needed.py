@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from comparison_scores import inside_window, score, window_mean
+from comparison_scores import Judge, inside_window, window_mean
 from comparison_settings import REDUCED, TARGET_DEPTH_MM, TINY, VOXEL_MM, LightFieldSetting, Window
 from lightfield_case import exact_volumes, reconstruct_light_field, seeded
 from numpy.typing import NDArray
@@ -97,11 +97,12 @@ def tracks(setting: LightFieldSetting, jet: Velocity, density: float) -> dict[st
 
 def inner_windows(setting: LightFieldSetting, jet: Velocity, inner=INNER) -> Iterator[dict[str, Any]]:
     """Of exact volumes and of LF-PIV, errors by inner windows and their overlap."""
+    judge = Judge(jet, setting.judged_mm)
     for name, reconstruct in (("exact", exact_volumes), ("light_field", reconstruct_light_field)):
         pair = reconstruct(setting, jet)
         for window, overlap in inner:
             measured = pair.correlated(window, overlap)
-            told, _ = score(measured, jet, setting.judged_mm)
+            told, _ = judge.score(measured)
             kept = ("vectors", "rms_voxel", "gross", "inside_1_std", "inside_2_std")
             yield {
                 "volumes": name,
@@ -118,9 +119,9 @@ def beyond(
     """LF-PIV's errors by depth, and by smooth flow, with another density or depth of the lit volume, in the paper's
     windows and with others in them."""
     now = replace(setting, particles_per_microlens=density, volume_mm=(*setting.volume_mm[:2], z_mm))
-    pair = reconstruct_light_field(now, jet)
+    pair, judge = reconstruct_light_field(now, jet), Judge(jet, now.judged_mm)
     for window in (None, now.inner_window):
-        told, _ = score(pair.correlated(window), jet, now.judged_mm)
+        told, _ = judge.score(pair.correlated(window))
         bands = told["errors"]["window_mean"]
         yield {
             "particles_per_microlens": density,

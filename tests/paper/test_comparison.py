@@ -20,6 +20,7 @@ from comparison_settings import DT_S, FULL, SIZES, TINY
 from isosurface import isosurface
 
 from plenopiv.simulation.flows import flow
+from plenopiv.simulation.particles import Particles
 
 
 @pytest.fixture(scope="module")
@@ -209,6 +210,50 @@ def test_errors_of_known_vectors():
     np.testing.assert_allclose(told["rms_mm_s"], np.sqrt((off**2).mean(0)) / DT_S)
     np.testing.assert_allclose(told["inside_1_std"], [1.0, 2 / 3, 2 / 3])
     np.testing.assert_allclose(told["stated_mm_s"], 40.0)
+
+
+def bent(points_mm):
+    """The parabola, and v and w that change evenly along x and y."""
+    return parabola(points_mm) + 0.001 * points_mm[:, [0, 0, 1]] * [0, 1, 1]
+
+
+def measured_exactly(flow, half_mm, off_m_s=0.0):
+    """Vectors whose u is the flow's at the vector and ``off_m_s`` more, and two thousand particles."""
+    z, y, x = np.meshgrid(*AXES[::-1], indexing="ij")
+    velocity = flow(np.stack([x, y, z], -1).reshape(-1, 3)).T.reshape(3, *z.shape) + off_m_s
+    named = {"u": velocity[0], "v": velocity[1], "w": velocity[2]}
+    named |= {f"{c}_std": np.full(z.shape, 0.01) for c in "uvw"} | {"valid": np.ones(z.shape)}
+    dims, rng = ("z", "y", "x"), np.random.default_rng(0)
+    field = xr.Dataset({c: (dims, v) for c, v in named.items()}, dict(zip("xyz", AXES, strict=True)))
+    middle = rng.uniform(-4.0, 4.0, (2000, 3))
+    moved = 0.5e3 * DT_S * flow(middle)
+    pair = tuple(Particles(middle + sign * moved, np.ones(2000)) for sign in (-1, 1))
+    seen, clock = np.ones(z.shape, bool), lightfield_case.Clock()
+    return lightfield_case.Measured(field, pair, (0.02, 0.02, 0.08), half_mm, seen, 0.1, clock)
+
+
+def test_a_judge_finds_what_is_true_once_for_the_same_windows():
+    asked = []
+
+    def flow(points_mm):
+        asked.append(len(points_mm))
+        return bent(points_mm)
+
+    judge, half = scores.Judge(flow, ((-9.0, 9.0), (-1.5, 9.0))), np.array([0.5, 0.6, 0.7])
+    told, true = judge.score(measured_exactly(bent, half))
+    n, h2 = len(asked), 0.6**2 / 3 * (1 - scores.SAMPLES**-2)
+    chosen = AXES[1] - 0.6 >= -1.5
+    assert told["vectors"] == chosen.sum() * AXES[0].size * AXES[2].size
+    np.testing.assert_allclose(true[0][:, chosen, 0], np.tile(0.01 * (AXES[1][chosen] ** 2 + h2), (7, 1)), rtol=1e-6)
+    assert np.isnan(true[:, :, ~chosen]).all()
+    of = {name: e["all"] for name, e in told["errors"].items()}
+    np.testing.assert_allclose(of["window_mean"]["rms_mm_s"], [10 * h2, 0, 0], atol=1e-4)
+    np.testing.assert_allclose(of["point"]["rms_mm_s"], 0.0, atol=1e-4)
+    again, _ = judge.score(measured_exactly(bent, half, 0.001))
+    assert len(asked) == n
+    np.testing.assert_allclose(again["errors"]["point"]["all"]["bias_mm_s"], 1.0, rtol=1e-4)
+    judge.score(measured_exactly(bent, half * 0.9))
+    assert len(asked) > n
 
 
 def test_only_windows_within_the_limits_are_judged(tiny):
