@@ -19,6 +19,8 @@ CORRECT = 7.5e-8  # s, a listed voxel projected and corrected, for one camera (d
 LISTED = 0.1  # of the voxels that lines of sight leave at 0.05 particles per pixel
 LARGE = 1e9  # bytes of planes looked at at once: of more, the system makes the pages anew again and again
 SLOWER = 1.8  # times as long, volumes of such planes
+LEFT_BY_BOTH = 0.15  # of the voxels in a deep volume
+TURNED_BYTES = 60.0  # a voxel of theirs while it is put in the second camera's order
 DENSE_BYTES = 10.0  # a voxel of exact volumes
 LISTED_BYTES = 40.0  # a listed voxel while its frame is reconstructed, the frame before it (6) with it
 
@@ -40,7 +42,8 @@ def _again(setting: Setting) -> float:
 
 
 def two_cameras_cost(setting: TwoCamerasSetting) -> tuple[float, float]:
-    """The same with two cameras: light fields of both, and each list once more in the second one's order."""
+    """The same with two cameras: light fields of both, and the list of what both leave once more, in the second one's
+    order."""
     correlation = correlation_of(setting)
     threads = numba.get_num_threads()
     peak, seconds = memory.BASE, 0.0
@@ -49,6 +52,7 @@ def two_cameras_cost(setting: TwoCamerasSetting) -> tuple[float, float]:
         takes = duration.of_settings(camera, grid, ReconstructionSettings(), correlation, threads)
         peak += memory.estimate(camera, grid).peak - memory.BASE
         seconds += takes.frame
+    peak += LEFT_BY_BOTH * setting.grid.size * TURNED_BYTES
     return peak, 2 * seconds + takes.pair + _again(setting) / threads
 
 
