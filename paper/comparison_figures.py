@@ -38,6 +38,7 @@ DRAWN = "light_field", "light_field_inner", "two", "tomo", "matched"  # beside t
 COLOURS = {"light_field": BLUE, "exact": GREY, "two": VIOLET, "tomo": ORANGE, "matched": GREEN}
 SLICE_Z_MM = 1.5  # of the x-y plane: near focus, out of the zone without depth
 SLICE_JET_Y_MM = 1.0  # of the x-z plane, from the jet's axis
+AT_MOST_BESIDE = 4  # panels, where they are wider than high
 FINE_MM = 0.15  # spacing at which the DNS is drawn
 LEVELS = np.linspace(-0.1, 1.1, 13)
 VORTEX_JET2 = 1.0  # Q of the isosurface, in units of (U / D)^2
@@ -109,23 +110,30 @@ def slices(fields: dict[str, xr.Dataset], setting: Comparison) -> Figure:
     both = {"DNS": dns_over(setting, light), IN_WINDOWS: true(light)}
     both |= {SHORT[name]: field for name, field in fields.items()}
     limits = {c: tuple(light[c].values[[0, -1]]) for c in "xyz"}
-    deep = limits["z"][1] - limits["z"][0], limits["y"][1] - limits["y"][0]
-    figure = Figure(figsize=(16.0, 7.4), layout="constrained")
-    panels = figure.subplots(2, len(both), sharex=True, sharey="row", height_ratios=(deep[1], 0.62 * deep[0]))
+    width, height, depth = (high - low for low, high in limits.values())
+    columns = len(both) if depth > width else AT_MOST_BESIDE
+    blocks = -(-len(both) // columns)
+    inch = 14.0 / (columns * width)  # for a mm
+    figure = Figure(figsize=(15.5, blocks * (inch * (height + depth) + 1.0)), layout="constrained")
+    ratios = [height, depth] * blocks
+    panels = figure.subplots(2 * blocks, columns, sharex=True, sharey="row", height_ratios=ratios, squeeze=False)
     planes = (("z", SLICE_Z_MM, "y"), ("y", SLICE_JET_Y_MM - setting.jet_at_mm[1], "z"))
-    for row, (axis, place, upward) in zip(panels, planes, strict=True):
-        for axes, (title, field) in zip(row, both.items(), strict=True):
-            plane = at_plane(field, axis, place).transpose(upward, "x")
+    for n, (title, field) in enumerate(both.items()):
+        block, column = divmod(n, columns)
+        for row, (axis, place, upward) in enumerate(planes, 2 * block):
+            axes, plane = panels[row, column], at_plane(field, axis, place).transpose(upward, "x")
             filled = axes.contourf(plane.x, plane[upward], plane.u / JET_M_S, LEVELS, cmap="viridis", extend="both")
-            axes.contour(plane.x, plane[upward], plane.u / JET_M_S, LEVELS[1::2], colors="white", linewidths=0.4)
-            axes.set_xlim(limits["x"])
-            axes.set_ylim(limits[upward])
-            where = float(plane[axis])
-            axes.set_title(f"{title}\n{axis} = {where:.1f} mm" if axis == "z" else f"{axis} = {where:.1f} mm")
-            axes.set_facecolor("#e4e8ec")
-        row[0].set_ylabel(f"{upward}, mm" + (", toward the camera" if upward == "z" else ""))
-    for axes in panels[1]:
-        axes.set_xlabel("x, mm")
+            axes.contour(plane.x, plane[upward], plane.u / JET_M_S, LEVELS[3::2], colors="white", linewidths=0.4)
+            axes.set(xlim=limits["x"], ylim=limits[upward], aspect="equal", facecolor="#e4e8ec")
+            where = f"{axis} = {float(plane[axis]):.1f} mm"
+            axes.set_title(f"{title}\n{where}" if axis == "z" else where)
+            if column == 0:
+                axes.set_ylabel(f"{upward}, mm" + (", toward the camera" if upward == "z" else ""))
+            if n + columns >= len(both) and upward == "z":
+                axes.set_xlabel("x, mm")
+                axes.tick_params(labelbottom=True)
+    for axes in panels.flat:
+        axes.set_visible(axes.has_data())
     figure.colorbar(filled, ax=panels, label="u / U", shrink=0.7)
     return figure
 
@@ -167,13 +175,14 @@ def vortices(fields: dict[str, xr.Dataset], setting: Comparison) -> Figure:
     light, depth = fields["light_field"], TARGET_DEPTH_MM
     both = {IN_WINDOWS: true(light)} | {SHORT[name]: field for name, field in fields.items()}
     level = VORTEX_JET2 * (JET_M_S / (JET_DIAMETER_MM * 1e-3)) ** 2
-    figure = Figure(figsize=(16.0, 4.2))
-    figure.subplots_adjust(left=0.01, right=0.97, bottom=0.02, top=0.88, wspace=0.1)
+    columns = -(-len(both) // 2)
+    figure = Figure(figsize=(15.5, 8.2))
+    figure.subplots_adjust(left=0.02, right=0.96, bottom=0.04, top=0.91, wspace=0.12, hspace=0.1)
     figure.suptitle(f"Q = {VORTEX_JET2:g} (U/D)²")
     limits = [tuple(light[c].values[[0, -1]]) for c in "xyz"]
     limits[2] = max(limits[2][0], -depth), min(limits[2][1], depth)
     for k, (title, field) in enumerate(both.items(), 1):
-        axes = figure.add_subplot(1, len(both), k, projection="3d")
+        axes = figure.add_subplot(2, columns, k, projection="3d")
         inside = field.sel({c: slice(lo - 1e-6, hi + 1e-6) for c, (lo, hi) in zip("xyz", limits, strict=True)})
         if min(inside.sizes.values()) >= 2:
             surface = isosurface(turning(inside), level, tuple(inside[c].values for c in "xyz"))  # type: ignore[arg-type]
