@@ -24,10 +24,11 @@ from typing import Any
 import comparison_figures
 import lightfield_case
 import numba
+import numpy as np
 import tomo_case
 import two_cameras_case
 from comparison_costs import announced
-from comparison_scores import Judge, judged
+from comparison_scores import Judge
 from comparison_settings import JET_M_S, SIZES, Comparison
 from comparison_tables import inside, vorticity
 from lightfield_case import Measured, Reconstructed
@@ -87,7 +88,7 @@ def scored(name: str, result: Measured, judge: Judge, setting: Comparison, field
     told, true = judge.score(result)
     dims = ("z", "y", "x")
     field = result.field.assign({f"{c}_true": (dims, v, {"units": "m s-1"}) for c, v in zip("uvw", true, strict=True)})
-    field = field.assign(judged=(dims, judged(result, judge.limits_mm).astype("int8")))
+    field = field.assign(judged=(dims, np.isfinite(true[0]).astype("int8")))
     fields.mkdir(parents=True, exist_ok=True)
     write_velocity(fields / f"{setting.name}-{name}.nc", field)
     return told | {"peak_gb": None if peak is None else round(peak / 1e9, 3), "threads": numba.get_num_threads()}
@@ -151,8 +152,9 @@ def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ..
         for title, told in found.items():
             print(f"{TITLES[title]}: {json.dumps(told['errors']['window_mean']['all'])}", flush=True)
         cases |= found
-        for title in set(found).intersection(comparison_figures.DRAWN if size == "full" else ()):
-            comparison_figures.keep(fields, setting, title, target / "fields")
+        if size == "full":
+            for title in found.keys() & set(comparison_figures.DRAWN):
+                comparison_figures.keep(fields, setting, title, target / "fields")
         file.write_text(json.dumps({"size": size, "jet_m_s": JET_M_S, "cases": cases}, indent=1) + "\n")
     if set(cases) == set(TITLES):
         results = json.loads(file.read_text())

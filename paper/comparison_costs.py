@@ -34,6 +34,11 @@ def light_field_cost(setting: LightFieldSetting) -> tuple[float, float]:
     return memory.estimate(camera, setting.grid).peak, seconds
 
 
+def _pair(setting: Setting) -> float:
+    """Seconds of one core for all correlation of a pair of volumes."""
+    return duration.correlation_s(setting.grid, correlation_of(setting).passes) + _again(setting)
+
+
 def _again(setting: Setting) -> float:
     """Seconds of one core for the correlation with windows within windows, if there is one."""
     if setting.inner_window is None:
@@ -60,17 +65,14 @@ def tomo_cost(setting: TomoSetting) -> tuple[float, float]:
     """Bytes and seconds of Tomo-PIV; simulation left out."""
     grid = setting.grid
     frame = CAMERAS * grid.size * (SIGHT + LISTED * TomographySettings.iterations * CORRECT)
-    correlation = correlation_of(setting)
-    pair = duration.correlation_s(grid, correlation.passes) + _again(setting)
     layer = 4.0 * 2 * prod(grid.shape[1:]) * setting.windows[0][2]
     peak = memory.BASE + LISTED_BYTES * LISTED * grid.size + layer
-    return peak, (SLOWER if layer > LARGE else 1.0) * (2 * frame + pair) / numba.get_num_threads()
+    return peak, (SLOWER if layer > LARGE else 1.0) * (2 * frame + _pair(setting)) / numba.get_num_threads()
 
 
 def exact_cost(setting: LightFieldSetting) -> tuple[float, float]:
     """Windows by themselves and within windows, of a volume that was dense when it was made."""
-    seconds = duration.correlation_s(setting.grid, correlation_of(setting).passes) + _again(setting)
-    return memory.BASE + DENSE_BYTES * setting.grid.size, seconds / numba.get_num_threads()
+    return memory.BASE + DENSE_BYTES * setting.grid.size, _pair(setting) / numba.get_num_threads()
 
 
 def announced(setting: Comparison, names: Sequence[str]) -> dict[str, str]:

@@ -55,7 +55,10 @@ def test_a_turned_list_holds_the_same_light_at_the_same_places(mounting):
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 def test_the_dense_volume_turned_by_hand(mounting):
     volume = listed()
+    by_hand = np.transpose(volume.dense().values, [3 - abs(a) for a in mounting.axes[::-1]])
+    flip = tuple(axis for axis, a in enumerate(mounting.axes[::-1]) if a < 0)
     own = turned(volume, mounting).volume.dense().values
+    np.testing.assert_array_equal(own, np.flip(by_hand, flip))
     np.testing.assert_array_equal(own, mounting.planes(volume.dense().values))
     np.testing.assert_array_equal(mounting.inverse().planes(own), volume.dense().values)
 
