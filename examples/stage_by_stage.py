@@ -14,10 +14,10 @@ from plenopiv.calibration import find_lattice
 from plenopiv.displacement.multigrid import measure
 from plenopiv.io import write_velocity
 from plenopiv.lightfield import decode, layout
-from plenopiv.projection.projector import Projector
-from plenopiv.reconstruction.chain import reconstruct
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.focus import focus_weight
 from plenopiv.reconstruction.noise import counts_per_electron
+from plenopiv.reconstruction.reconstruct import reconstruct
 from plenopiv.velocity import velocity_dataset
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "ring")

@@ -20,7 +20,7 @@ from plenopiv.design.advice import suggested
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
-from plenopiv.simulation.recording import simulate_recording
+from plenopiv.simulation.simulated_recording import simulate_recording
 
 DT_S = 0.0005
 RING = flow("vortex-ring", circulation_mm2_s=600.0, radius_mm=1.4, core_radius_mm=0.8, axis="x")

@@ -20,7 +20,7 @@ from single_particles import DEPTHS, LIT, RAYS, places
 from small_camera import CAMERA, LAYOUT, VOXEL_MM, grid, noise_free
 
 from plenopiv.lightfield import LightField
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.candidates import dark_to_light
 from plenopiv.report.figures import BLUE, GREEN, STYLE
 

@@ -8,7 +8,7 @@ from math import prod
 import numba
 from comparison_settings import Comparison, LightFieldSetting, TomoSetting, TwoCamerasSetting
 from lightfield_case import Setting, camera_of, correlation_of
-from two_cameras_case import MOUNTINGS, cameras_of
+from two_cameras_case import POSES, cameras_of
 
 from plenopiv.reconstruction.settings import ReconstructionSettings, TomographySettings
 from plenopiv.run import duration, memory
@@ -52,8 +52,8 @@ def two_cameras_cost(setting: TwoCamerasSetting) -> tuple[float, float]:
     correlation = correlation_of(setting)
     threads = numba.get_num_threads()
     peak, seconds = memory.BASE, 0.0
-    for camera, mounting in zip(cameras_of(setting), MOUNTINGS, strict=True):
-        grid = mounting.grid(setting.grid)
+    for camera, pose in zip(cameras_of(setting), POSES, strict=True):
+        grid = pose.grid(setting.grid)
         takes = duration.of_settings(camera, grid, ReconstructionSettings(), correlation, threads)
         peak += memory.estimate(camera, grid).peak - memory.BASE
         seconds += takes.frame

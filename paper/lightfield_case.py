@@ -19,15 +19,15 @@ from plenopiv.design.twin import NOISE, WAVELENGTH_NM, mounted, seeing
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.lightfield import decode, layout
-from plenopiv.projection.projector import Projector
-from plenopiv.reconstruction.chain import Reconstruction, reconstruct
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.focus import focus_weight
+from plenopiv.reconstruction.reconstruct import Reconstruction, reconstruct
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.simulation.flows import Velocity
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
-from plenopiv.simulation.recording import Seeding, seed_pair
 from plenopiv.simulation.sensor_noise import digitise
+from plenopiv.simulation.simulated_recording import Seeding, seed_pair
 from plenopiv.velocity import velocity_dataset
 from plenopiv.volume import SparseVolume
 

@@ -31,10 +31,10 @@ from small_camera import ACROSS, CAMERA, LAYOUT, LIGHT, VOXEL_MM, Found, Method,
 
 from plenopiv.accuracy import exact_volume, intensity_centre_mm, reconstruction_quality
 from plenopiv.lightfield import LightField, decode
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.candidates import CROWDED, faintest_share, lit_threshold
-from plenopiv.reconstruction.chain import THIN
 from plenopiv.reconstruction.noise import Noise, dark_noise
+from plenopiv.reconstruction.reconstruct import THIN
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise

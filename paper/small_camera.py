@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 
 from plenopiv.cameras.presets import preset
 from plenopiv.lightfield import LightField, decode, layout
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.candidates import dark_to_light, most_light
-from plenopiv.reconstruction.chain import SMALLEST_FLOOR
 from plenopiv.reconstruction.mart import mart
 from plenopiv.reconstruction.noise import Noise
+from plenopiv.reconstruction.reconstruct import SMALLEST_FLOOR
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles, pixels_lit_in_focus

@@ -20,10 +20,10 @@ from small_camera import ACROSS, CAMERA, ELECTRONS, LAYOUT, LIGHT, Found, grid, 
 
 from plenopiv.accuracy import exact_volume, reconstruction_quality
 from plenopiv.lightfield import LightField, decode
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.candidates import faintest_share, lit_threshold, typical_particle
-from plenopiv.reconstruction.chain import THIN
 from plenopiv.reconstruction.noise import Noise, dark_noise
+from plenopiv.reconstruction.reconstruct import THIN
 from plenopiv.report.figures import BLUE, GREEN, ORANGE, STYLE
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles, seed_box

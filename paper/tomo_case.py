@@ -17,8 +17,8 @@ from plenopiv.calibration.pinhole_fit import calibrate_pinhole
 from plenopiv.cameras.pinhole import PinholeCamera, looking_at
 from plenopiv.cameras.presets import BIT_DEPTH, BLACK_LEVEL, PIXEL_PITCH_MM
 from plenopiv.design.twin import NOISE
-from plenopiv.projection.pinhole import PinholeProjector
-from plenopiv.reconstruction.chain import Reconstruction
+from plenopiv.projection.pinhole.projector import PinholeProjector
+from plenopiv.reconstruction.reconstruct import Reconstruction
 from plenopiv.reconstruction.settings import TomographySettings
 from plenopiv.reconstruction.tomography import reconstruct_tomography
 from plenopiv.sensor import Sensor
@@ -26,8 +26,8 @@ from plenopiv.simulation.board import board_image
 from plenopiv.simulation.flows import Velocity, advect
 from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.pinhole_images import pinhole_image
-from plenopiv.simulation.recording import Seeding
 from plenopiv.simulation.sensor_noise import digitise
+from plenopiv.simulation.simulated_recording import Seeding
 
 if TYPE_CHECKING:
     import xarray as xr

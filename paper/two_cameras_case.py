@@ -11,28 +11,28 @@ from lightfield_case import Clock, Frames, Reconstructed, windows_seen
 from numpy.typing import NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.cameras.pose import FRONT, SIDE
 from plenopiv.cameras.presets import preset
 from plenopiv.design.twin import NOISE, WAVELENGTH_NM, mounted, seeing
 from plenopiv.lightfield import LightField, decode, layout
-from plenopiv.projection.around import CamerasAround
-from plenopiv.projection.mounting import FRONT, SIDE
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.several_cameras import CamerasAround
 from plenopiv.reconstruction.around import reconstruct_around
-from plenopiv.reconstruction.chain import Reconstruction
+from plenopiv.reconstruction.reconstruct import Reconstruction
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.simulation.images import particle_image
-from plenopiv.simulation.recording import Seeding
 from plenopiv.simulation.sensor_noise import digitise
+from plenopiv.simulation.simulated_recording import Seeding
 
 if TYPE_CHECKING:
     import xarray as xr
 
-MOUNTINGS = (FRONT, SIDE)
+POSES = (FRONT, SIDE)
 
 
 def cameras_of(setting: TwoCamerasSetting) -> list[PlenopticCamera]:
     """Each with no more of its sensor than the light of the volume needs."""
-    return [mounted(seeing(preset(setting.camera), m.limits(setting.volume_mm))) for m in MOUNTINGS]
+    return [mounted(seeing(preset(setting.camera), m.limits(setting.volume_mm))) for m in POSES]
 
 
 def both_see(cameras: list[PlenopticCamera], field: xr.Dataset, half_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -48,8 +48,8 @@ def images_of(
 ) -> list[NDArray[np.uint16]]:
     """Counts of each camera in frame ``number`` of the pair."""
     out = []
-    for n, (camera, mounting) in enumerate(zip(cameras, MOUNTINGS, strict=True)):
-        own = frame[number].moved_to(mounting.in_camera(frame[number].position_mm))
+    for n, (camera, pose) in enumerate(zip(cameras, POSES, strict=True)):
+        own = frame[number].moved_to(pose.in_camera(frame[number].position_mm))
         light = particle_image(camera, own, rays=rays, seed=4 * seed + 2 * n + number, diffraction_nm=WAVELENGTH_NM)
         out.append(digitise(light + Seeding.background_electrons, camera.sensor, NOISE, rng))
     return out
@@ -60,9 +60,9 @@ def reconstruct_by_two(setting: TwoCamerasSetting, particles: Frames, seed: int 
     clock, cameras, settings = Clock(), cameras_of(setting), ReconstructionSettings(focus_reach=0.0)
     layouts = [layout(camera) for camera in cameras]
     projectors = [
-        Projector(where, m.grid(setting.grid), settings.weights) for where, m in zip(layouts, MOUNTINGS, strict=True)
+        Projector(where, m.grid(setting.grid), settings.weights) for where, m in zip(layouts, POSES, strict=True)
     ]
-    around, rng = CamerasAround(setting.grid, projectors, MOUNTINGS), np.random.default_rng(seed + 1)
+    around, rng = CamerasAround(setting.grid, projectors, POSES), np.random.default_rng(seed + 1)
     frames: list[Reconstruction] = []
     for number in range(2):
         counts = images_of(cameras, particles, number, setting.rays, seed, rng)

@@ -24,8 +24,8 @@ from matplotlib import pyplot as plt
 
 from plenopiv.accuracy import FieldBounds, field_bounds, position_bound, standard_deviation, window_bound
 from plenopiv.simulation.particles import pixels_lit_in_focus
-from plenopiv.simulation.recording import Seeding
 from plenopiv.simulation.sensor_noise import SensorNoise
+from plenopiv.simulation.simulated_recording import Seeding
 
 DOCS = Path(__file__).parents[2] / "docs"
 BEGIN, END = "<!-- bound: begin -->", "<!-- bound: end -->"

@@ -16,8 +16,8 @@ from plenopiv.sensor import Sensor
 from plenopiv.simulation.experiment_file import default_voxel_mm
 from plenopiv.simulation.flows import Velocity, flow
 from plenopiv.simulation.particles import Limits
-from plenopiv.simulation.recording import Seeding, simulate_recording
 from plenopiv.simulation.sensor_noise import SensorNoise
+from plenopiv.simulation.simulated_recording import Seeding, simulate_recording
 
 DT_S = 0.0005
 RING_PEAK = 0.30  # fastest point of the ring below, in circulations a mm

@@ -22,7 +22,7 @@ from plenopiv.design.advice import Measurement, suggested
 from plenopiv.design.twin import DT_S, SHIFT, mounted, twin
 from plenopiv.experiment import Experiment
 from plenopiv.simulation.flows import flow
-from plenopiv.simulation.recording import simulate_recording
+from plenopiv.simulation.simulated_recording import simulate_recording
 
 VECTORS, MOST_RECORDINGS = 400, 40
 HERE = Path(__file__).parent

@@ -26,8 +26,8 @@ from plenopiv.experiment import Experiment
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
-from plenopiv.simulation.recording import Seeding, simulate_recording
 from plenopiv.simulation.sensor_noise import SensorNoise
+from plenopiv.simulation.simulated_recording import Seeding, simulate_recording
 
 DT_S = 0.0005
 CAMERA = PlenopticCamera(

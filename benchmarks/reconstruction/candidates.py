@@ -19,7 +19,7 @@ from conditions import CONDITIONS
 
 from plenopiv.experiment import Experiment
 from plenopiv.lightfield import decode, layout
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.candidates import (
     dark_to_light,
     lit_threshold,

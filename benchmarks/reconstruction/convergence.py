@@ -28,7 +28,7 @@ from plenopiv.accuracy import exact_volume, intensity_centre_mm, reconstruction_
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.lightfield import LightField, decode
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.focus import focus_weight
 from plenopiv.volume import SparseVolume
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from variants import Array, Order, of_round, random_order
 
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.volume import SparseVolume
 
 APART = 3  # a voxel lights no two microlenses of a view that are so many apart along a row, or across rows

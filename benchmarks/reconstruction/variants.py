@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.lightfield import LightField
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.thinning import keeping
 from plenopiv.volume import SparseVolume
 

@@ -29,10 +29,10 @@ from plenopiv.displacement.multigrid import correlation_pass
 from plenopiv.displacement.predictor import fit_spline
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.windows import window_grid
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.candidates import most_light
-from plenopiv.reconstruction.chain import reconstruct
 from plenopiv.reconstruction.noise import Noise, dark_noise
+from plenopiv.reconstruction.reconstruct import reconstruct
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.reconstruction.thinning import keeping
 from plenopiv.volume import SparseVolume

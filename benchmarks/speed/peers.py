@@ -28,8 +28,8 @@ from scipy import sparse
 
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.cameras.presets import preset
-from plenopiv.projection.projector import Projector
-from plenopiv.reconstruction import chain
+from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.reconstruction import reconstruct as chain
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
 

@@ -17,8 +17,8 @@ from pathlib import Path
 
 from scene import DEPTH_MM, FAHRINGER, LATERAL_MM, Scene, small_camera
 
-from plenopiv.reconstruction import chain
-from plenopiv.reconstruction.chain import reconstruct
+from plenopiv.reconstruction import reconstruct as chain
+from plenopiv.reconstruction.reconstruct import reconstruct
 from plenopiv.reconstruction.settings import ReconstructionSettings
 
 ROUNDS = 5

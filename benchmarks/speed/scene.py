@@ -11,7 +11,7 @@ from plenopiv.cameras.coverage import seen_by_every_view_mm
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.presets import preset
 from plenopiv.lightfield import LightField, decode, layout
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import pixels_lit_in_focus, seed_box
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise

@@ -21,7 +21,7 @@ from four_cameras import ELECTRONS, Scene
 from matplotlib import pyplot as plt
 
 from plenopiv.accuracy import exact_volume, ghost_light, reconstruction_quality
-from plenopiv.projection.pinhole import PinholeProjector
+from plenopiv.projection.pinhole.projector import PinholeProjector
 from plenopiv.reconstruction.settings import TomographySettings
 from plenopiv.reconstruction.tomography import reconstruct_tomography
 

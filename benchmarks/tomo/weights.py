@@ -19,9 +19,9 @@ from numba import njit
 from scipy import sparse
 
 from plenopiv.accuracy import exact_volume, ghost_light, reconstruction_quality
-from plenopiv.projection.pinhole import PinholeProjector
-from plenopiv.reconstruction.chain import SMALLEST_FLOOR
+from plenopiv.projection.pinhole.projector import PinholeProjector
 from plenopiv.reconstruction.noise import Noise
+from plenopiv.reconstruction.reconstruct import SMALLEST_FLOOR
 from plenopiv.reconstruction.settings import TomographySettings
 from plenopiv.reconstruction.tomography import lit_above, reconstruct_tomography
 

@@ -30,7 +30,7 @@ def _sources_hash() -> str:
     digest = hashlib.sha256(numba.__version__.encode())
     for path in sorted(Path(__file__).parent.rglob("*.py")):
         text = path.read_bytes()
-        if b"numba" in text or b"plenopiv.kernels" in text or path.parent.name == "projection":
+        if b"numba" in text or b"plenopiv.kernels" in text or "projection" in path.parts:
             digest.update(text)
     return digest.hexdigest()[:16]
 

@@ -11,8 +11,8 @@ from plenopiv.experiment import Experiment
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
-from plenopiv.simulation.recording import Seeding, simulate_recording
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
+from plenopiv.simulation.simulated_recording import Seeding, simulate_recording
 from plenopiv.simulation.white import white_image
 
 VELOCITY_M_S = (0.11, -0.06, 0.17)  # 3.2, -1.8 and 1.1 voxels in 0.5 ms

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from recordings import camera, copied, edited, record, white_of
 
-from plenopiv.cli import look, main
-from plenopiv.cli.speech import Outcome
+from plenopiv.cli import light_field, main
+from plenopiv.cli.terminal import Outcome
 from plenopiv.sensor import Sensor
 
 UNUSABLE, WARNED = 2, 0
@@ -96,7 +96,7 @@ FAULTS = {
 def test_a_fault_is_named_with_advice_and_the_exit_code_says_whether_to_go_on(
     recorded, tmp_path, capsys, monkeypatch, fault
 ):
-    monkeypatch.setattr(look, "_drawn", lambda *drawn: Outcome(""))  # the picture has tests of its own
+    monkeypatch.setattr(light_field, "_drawn", lambda *drawn: Outcome(""))  # the picture has tests of its own
     spoil, code, *phrases = FAULTS[fault]
     spoil(recorded, tmp_path / "recording")
     file = tmp_path / "recording" / "experiment.toml"
@@ -114,7 +114,7 @@ def test_a_fault_is_named_with_advice_and_the_exit_code_says_whether_to_go_on(
 
 
 def test_a_good_recording_ends_with_zero(recorded, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(look, "_drawn", lambda *drawn: Outcome(""))
+    monkeypatch.setattr(light_field, "_drawn", lambda *drawn: Outcome(""))
     file = good(recorded, tmp_path / "recording") / "experiment.toml"
     assert main(["check", str(file)]) == 0
     *lines, verdict = capsys.readouterr().out.strip().splitlines()

@@ -12,7 +12,7 @@ from test_work import SIMULATION
 
 from plenopiv.cli import main
 from plenopiv.cli import progress as progress_module
-from plenopiv.cli.speech import painted, speech
+from plenopiv.cli.terminal import painted, speech
 
 LATTICE = "rotation_deg = 0.4\noffset_mm = [0.01, 0.02]\npitch_mm = 0.077 "
 

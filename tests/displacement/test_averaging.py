@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from plenopiv.displacement.averaging import averaged, mean_weights
 from plenopiv.displacement.correlation import fade
-from plenopiv.displacement.growth import growth
 from plenopiv.displacement.multigrid import measure
+from plenopiv.displacement.noise_amplification import growth
 from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.sub_windows import averaged, mean_weights
 from plenopiv.displacement.uncertainty import standard_deviation
 from plenopiv.displacement.windows import window_grid
 from plenopiv.errors import PlenoPIVError

@@ -10,8 +10,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from plenopiv.displacement.correlation import Windows
-from plenopiv.displacement.growth import growth
 from plenopiv.displacement.multigrid import correlation_pass, measure
+from plenopiv.displacement.noise_amplification import growth
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.uncertainty import (

@@ -8,7 +8,7 @@ from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.lattice import Lattice
 from plenopiv.lightfield import Layout
 from plenopiv.optics import conjugate_distances
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.sensor import Sensor
 from plenopiv.volume import SparseVolume, VoxelGrid
 

@@ -7,8 +7,8 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.geometry import Plane, planes
-from plenopiv.projection.projector import RULES, Projector
+from plenopiv.projection.plenoptic.geometry import Plane, planes
+from plenopiv.projection.plenoptic.projector import RULES, Projector
 from plenopiv.volume import VoxelGrid
 
 pytestmark = pytest.mark.usefixtures("one_thread")

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from oracles.cameras import small_camera
 
+from plenopiv.cameras.pose import FRONT, SIDE, Pose
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import decode, layout
-from plenopiv.projection.around import CamerasAround, places_of, turned
-from plenopiv.projection.mounting import FRONT, SIDE, Mounting
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.several_cameras import CamerasAround, places_of, turned
 from plenopiv.reconstruction import around as reconstruction
 from plenopiv.reconstruction.around import reconstruct_around
-from plenopiv.reconstruction.chain import Left
+from plenopiv.reconstruction.reconstruct import Left
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
@@ -20,8 +20,8 @@ from plenopiv.volume import SparseVolume, VoxelGrid
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 GRID = VoxelGrid.covering((-0.5, 0.6), (-0.3, 0.3), (-0.6, 0.5), (0.04, 0.03, 0.05))
-BELOW = Mounting((1, 3, -2))  # on the -y side, its y along z
-MOUNTINGS = (FRONT, SIDE, BELOW)
+BELOW = Pose((1, 3, -2))  # on the -y side, its y along z
+POSES = (FRONT, SIDE, BELOW)
 
 
 def listed(share=0.05, seed=0):
@@ -32,8 +32,8 @@ def listed(share=0.05, seed=0):
 
 def cameras(microlenses=(40, 40)):
     where = layout(small_camera("hexagonal", microlenses=microlenses))
-    mountings = (FRONT, SIDE)
-    return CamerasAround(GRID, [Projector(where, m.grid(GRID)) for m in mountings], mountings)
+    poses = (FRONT, SIDE)
+    return CamerasAround(GRID, [Projector(where, pose.grid(GRID)) for pose in poses], poses)
 
 
 def centres(volume):
@@ -41,26 +41,26 @@ def centres(volume):
     return np.stack([axis[place] for axis, place in zip(volume.grid.axes(), places_of(volume), strict=True)], -1)
 
 
-@pytest.mark.parametrize("mounting", MOUNTINGS)
-def test_a_turned_list_holds_the_same_light_at_the_same_places(mounting):
+@pytest.mark.parametrize("pose", POSES)
+def test_a_turned_list_holds_the_same_light_at_the_same_places(pose):
     volume = listed()
-    own, order = turned(volume, mounting)
-    np.testing.assert_allclose(centres(own), mounting.in_camera(centres(volume)[order]), atol=1e-12)
+    own, order = turned(volume, pose)
+    np.testing.assert_allclose(centres(own), pose.in_camera(centres(volume)[order]), atol=1e-12)
     np.testing.assert_array_equal(own.values, volume.values[order])
     rank = np.ravel_multi_index(places_of(own)[::-1], own.grid.shape)
     assert (np.diff(rank) > 0).all()
     assert own.row_start[-1] == own.column.size
 
 
-@pytest.mark.parametrize("mounting", MOUNTINGS)
-def test_the_dense_volume_turned_by_hand(mounting):
+@pytest.mark.parametrize("pose", POSES)
+def test_the_dense_volume_turned_by_hand(pose):
     volume = listed()
-    by_hand = np.transpose(volume.dense().values, [3 - abs(a) for a in mounting.axes[::-1]])
-    flip = tuple(axis for axis, a in enumerate(mounting.axes[::-1]) if a < 0)
-    own = turned(volume, mounting).volume.dense().values
+    by_hand = np.transpose(volume.dense().values, [3 - abs(a) for a in pose.axes[::-1]])
+    flip = tuple(axis for axis, a in enumerate(pose.axes[::-1]) if a < 0)
+    own = turned(volume, pose).volume.dense().values
     np.testing.assert_array_equal(own, np.flip(by_hand, flip))
-    np.testing.assert_array_equal(own, mounting.planes(volume.dense().values))
-    np.testing.assert_array_equal(mounting.inverse().planes(own), volume.dense().values)
+    np.testing.assert_array_equal(own, pose.planes(volume.dense().values))
+    np.testing.assert_array_equal(pose.inverse().planes(own), volume.dense().values)
 
 
 def test_planes_that_a_camera_at_the_side_sees():
@@ -80,7 +80,7 @@ def test_signs_of_a_camera_at_the_side():
 @pytest.mark.parametrize("axes", [(1, 2, -3), (2, 1, 3), (1, 1, 3), (0, 2, 3), (1, 2, 4)])
 def test_frames_that_are_none(axes):
     with pytest.raises(PlenoPIVError, match="right-handed"):
-        Mounting(axes)
+        Pose(axes)
 
 
 def test_views_of_each_camera_are_its_own():
@@ -111,9 +111,9 @@ def test_voxels_left_by_all():
 
 def frame(place_mm, around, light=20_000.0):
     fields = []
-    for projector, mounting in zip(around.projectors, around.mountings, strict=True):
+    for projector, pose in zip(around.projectors, around.poses, strict=True):
         where = projector.layout
-        image = particle_image(where.camera, Particles(mounting.in_camera([place_mm]), np.float64(light)), rays=200_000)
+        image = particle_image(where.camera, Particles(pose.in_camera([place_mm]), np.float64(light)), rays=200_000)
         fields.append(decode(image + where.camera.sensor.black_level, where))
     return fields
 

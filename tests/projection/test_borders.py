@@ -7,8 +7,8 @@ from oracles.naive_projection import exact_light
 
 from plenopiv.lattice import Lattice
 from plenopiv.lightfield import layout
-from plenopiv.projection.borders import borders_coincide, nearest
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.candidates.in_focus import borders_coincide, nearest
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.volume import VoxelGrid
 
 pytestmark = pytest.mark.usefixtures("one_thread")

@@ -6,9 +6,9 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.maps import ACROSS
-from plenopiv.projection.projector import Projector
-from plenopiv.projection.strips import room_of
+from plenopiv.projection.plenoptic.plane_maps.kernels import room_of
+from plenopiv.projection.plenoptic.plane_maps.maps import ACROSS
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 GRID = VoxelGrid.covering((-0.41, 0.39), (-0.3, 0.33), (-2.1, 2.0), (0.0385, 0.0385, 0.0385 * 4))

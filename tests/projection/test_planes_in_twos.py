@@ -5,7 +5,7 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 X_MM, Y_MM, VOXEL_MM = (-0.41, 0.39), (-0.3, 0.33), 0.0085

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from plenopiv.kernels import kernel
-from plenopiv.projection.points import read_places, write_places
-from plenopiv.projection.simd import LANES
+from plenopiv.projection.plenoptic.plane_maps.interpolation import read_places, write_places
+from plenopiv.projection.plenoptic.plane_maps.simd import LANES
 
 WIDTH, LINES, OFFSET, BEGIN = 31, 9, 3, 5
 FACTOR = np.float32(0.7)

@@ -9,9 +9,9 @@ from oracles.cameras import small_camera
 from oracles.naive_projection import exact_light, ray_light
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.geometry import Plane, planes
-from plenopiv.projection.projector import Projector
-from plenopiv.projection.pruning import LEAST_SHARE
+from plenopiv.projection.plenoptic.candidates.kernels import LEAST_SHARE
+from plenopiv.projection.plenoptic.geometry import Plane, planes
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.volume import VoxelGrid
 
 pytestmark = pytest.mark.usefixtures("one_thread")

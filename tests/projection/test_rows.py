@@ -5,9 +5,9 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.maps import MOST_PARTS, PART, outer_products
-from plenopiv.projection.projector import Projector
-from plenopiv.projection.rows import first_line, pays, spread_rows, sum_rows
+from plenopiv.projection.plenoptic.plane_maps.maps import MOST_PARTS, PART, outer_products
+from plenopiv.projection.plenoptic.plane_maps.voxel_rows import first_line, pays, spread_rows, sum_rows
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.volume import VoxelGrid
 
 NX = 90

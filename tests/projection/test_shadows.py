@@ -9,7 +9,7 @@ from oracles.tomography import SCALE_MM_PX, cubes, four_cameras, shadow_shares
 
 from plenopiv.cameras.pinhole import looking_at
 from plenopiv.errors import PlenoPIVError
-from plenopiv.projection.pinhole import PinholeProjector, sight_of
+from plenopiv.projection.pinhole.projector import PinholeProjector, sight_of
 from plenopiv.sensor import Sensor
 from plenopiv.volume import SparseVolume
 

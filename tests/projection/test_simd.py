@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from plenopiv.kernels import kernel
-from plenopiv.projection.simd import LANES, WIDEST, add_products, row_products
+from plenopiv.projection.plenoptic.plane_maps.simd import LANES, WIDEST, add_products, row_products
 
 NX = 83
 AT, BEGIN = 137, 5 * NX + 3

@@ -6,7 +6,7 @@ from oracles.cameras import small_camera
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField, layout
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.candidates import (
     BRIGHT_SHARE,
     CROWD,
@@ -18,8 +18,8 @@ from plenopiv.reconstruction.candidates import (
     most_light,
     typical_particle,
 )
-from plenopiv.reconstruction.chain import reconstruct
 from plenopiv.reconstruction.noise import Noise, dark_noise
+from plenopiv.reconstruction.reconstruct import reconstruct
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.volume import SparseVolume, VoxelGrid
 

@@ -6,11 +6,11 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import decode, layout
-from plenopiv.projection.maps import ACROSS
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.plane_maps.maps import ACROSS
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.candidates import dark_to_light, most_light
-from plenopiv.reconstruction.chain import reconstruct
 from plenopiv.reconstruction.noise import Noise
+from plenopiv.reconstruction.reconstruct import reconstruct
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.sensor import upright
 from plenopiv.simulation.images import particle_image

@@ -6,8 +6,8 @@ from oracles.cameras import small_camera
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField, layout
-from plenopiv.projection.projector import Projector
-from plenopiv.reconstruction.chain import reconstruct
+from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.reconstruction.reconstruct import reconstruct
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.reconstruction.tiles import cut, reconstruct_in_tiles
 from plenopiv.volume import SparseVolume, VoxelGrid

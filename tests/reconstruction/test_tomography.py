@@ -14,7 +14,7 @@ from plenopiv.calibration.pinhole_fit import calibrate_pinhole
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError
-from plenopiv.projection.pinhole import PinholeProjector
+from plenopiv.projection.pinhole.projector import PinholeProjector
 from plenopiv.reconstruction.mart import mart
 from plenopiv.reconstruction.noise import Noise
 from plenopiv.reconstruction.settings import TomographySettings

@@ -9,7 +9,7 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.mart import mart
 from plenopiv.reconstruction.thinning import keeping
 from plenopiv.volume import SparseVolume, VoxelGrid

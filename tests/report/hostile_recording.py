@@ -7,7 +7,7 @@ from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
-from plenopiv.simulation.recording import simulate_recording
+from plenopiv.simulation.simulated_recording import simulate_recording
 
 NAMES = ("a <svg onload=alert(1)>.tif", "b \"'><script>alert(1)<&#47;script>.tif", "c $\\frac{.tif")
 FILE = "<img src=x onerror=alert(1)>.toml"

@@ -16,7 +16,7 @@ from plenopiv.cli import main
 from plenopiv.errors import printable
 from plenopiv.report.check import check_figure
 from plenopiv.report.figures import png
-from plenopiv.report.look import contact_sheet, depth_strip
+from plenopiv.report.light_field import contact_sheet, depth_strip
 
 
 @pytest.fixture(scope="module")

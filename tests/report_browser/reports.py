@@ -11,7 +11,7 @@ from plenopiv.experiment import Experiment
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
-from plenopiv.simulation.recording import simulate_recording
+from plenopiv.simulation.simulated_recording import simulate_recording
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "recordings" / "rotation" / "experiment.toml"

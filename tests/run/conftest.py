@@ -9,7 +9,7 @@ from plenopiv.experiment import Experiment
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
-from plenopiv.simulation.recording import simulate_recording
+from plenopiv.simulation.simulated_recording import simulate_recording
 
 VELOCITY_M_S = (0.11, -0.06, 0.17)  # 3.2, -1.8 and 1.1 voxels in 0.5 ms: another size and sign on each axis
 

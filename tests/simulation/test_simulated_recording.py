@@ -18,8 +18,8 @@ from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
-from plenopiv.simulation.recording import Seeding, WhiteLight, seed_pair, simulate_recording
 from plenopiv.simulation.sensor_noise import SensorNoise
+from plenopiv.simulation.simulated_recording import Seeding, WhiteLight, seed_pair, simulate_recording
 
 CAMERA = PlenopticCamera(
     MainLens(50.0, 25.0, -1.0),

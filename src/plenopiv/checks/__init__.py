@@ -11,6 +11,6 @@ recording.py     all of them on one experiment
 """
 
 from plenopiv.checks.findings import Finding
-from plenopiv.checks.recording import Checked, check
+from plenopiv.checks.whole_recording import Checked, check
 
 __all__ = ["Checked", "Finding", "check"]

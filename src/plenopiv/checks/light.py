@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.checks.findings import Finding
 from plenopiv.lightfield import LightField
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.candidates import typical_particle
 from plenopiv.reconstruction.noise import Noise, dark_noise
 from plenopiv.sensor import Sensor

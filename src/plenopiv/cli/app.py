@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from plenopiv.cli.speech import Outcome, speech
+from plenopiv.cli.terminal import Outcome, speech
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -148,7 +148,7 @@ def check(experiment: ExperimentFile) -> None:
         plenopiv check run7/experiment.toml
         plenopiv --json check run7/experiment.toml
     """
-    from plenopiv.cli.look import check
+    from plenopiv.cli.light_field import check
 
     _say("check", check(experiment))
 
@@ -169,7 +169,7 @@ def views(
         plenopiv views run7/experiment.toml
         plenopiv views run7/experiment.toml a.tif --across 9
     """
-    from plenopiv.cli.look import views
+    from plenopiv.cli.light_field import views
 
     _say("views", views(experiment, frame, across))
 
@@ -192,7 +192,7 @@ def refocus(
         plenopiv refocus run7/experiment.toml
         plenopiv refocus run7/experiment.toml --z -2 --z 0 --z 2
     """
-    from plenopiv.cli.look import refocus
+    from plenopiv.cli.light_field import refocus
 
     _say("refocus", refocus(experiment, z or (), frame))
 
@@ -209,7 +209,7 @@ def preview(experiment: ExperimentFile) -> None:
     Example:
         plenopiv preview run7/experiment.toml
     """
-    from plenopiv.cli.look import preview
+    from plenopiv.cli.light_field import preview
 
     _say("preview", preview(experiment))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from plenopiv.cli.speech import Outcome
+from plenopiv.cli.terminal import Outcome
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io import read_velocity
 from plenopiv.io.openpiv import write_openpiv

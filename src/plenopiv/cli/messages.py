@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 from plenopiv.cli.app import app
-from plenopiv.cli.speech import speech
+from plenopiv.cli.terminal import speech
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 
 

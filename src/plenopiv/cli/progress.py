@@ -6,7 +6,7 @@ import sys
 from time import perf_counter
 from typing import Any
 
-from plenopiv.cli.speech import speech
+from plenopiv.cli.terminal import speech
 
 QUIET_S = 2.0  # work shorter than this shows nothing
 LINE_S = 30.0  # between two lines of one stage, off a terminal

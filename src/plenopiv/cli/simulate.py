@@ -9,8 +9,8 @@ from plenopiv.cli.progress import Progress
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.simulation.flows import flow
-from plenopiv.simulation.recording import Seeding, SimulatedRecording, simulate_recording
 from plenopiv.simulation.sensor_noise import SensorNoise
+from plenopiv.simulation.simulated_recording import Seeding, SimulatedRecording, simulate_recording
 
 
 def simulate(file: Path, folder: Path, overwrite: bool) -> str:

@@ -18,7 +18,7 @@ from plenopiv.design.resolution import mean_free_shift
 from plenopiv.design.twin import Progress, Twin, twin
 from plenopiv.design.variants import variants
 from plenopiv.errors import PlenoPIVError
-from plenopiv.simulation.recording import Seeding
+from plenopiv.simulation.simulated_recording import Seeding
 
 DEPTHS = 17  # of a table
 

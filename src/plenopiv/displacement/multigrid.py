@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.agreement import agreement
-from plenopiv.displacement.averaging import averaged
 from plenopiv.displacement.correlation import Windows
 from plenopiv.displacement.deformation import SPLINE_VARIANCE, DeformedPlanes
 from plenopiv.displacement.field import DisplacementField
@@ -22,6 +21,7 @@ from plenopiv.displacement.offset import at_offset
 from plenopiv.displacement.peaks import find_peaks
 from plenopiv.displacement.predictor import SplineField, fit_spline, smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.sub_windows import averaged
 from plenopiv.displacement.uncertainty import ScatterCorrelator, standard_deviation
 from plenopiv.displacement.validation import find_outliers, replaced
 from plenopiv.displacement.windows import WindowGrid, window_grid

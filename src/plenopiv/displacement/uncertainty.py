@@ -28,12 +28,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from plenopiv.displacement.averaging import mean_over, mean_weights, measured_inside
 from plenopiv.displacement.correlation import Spectra, WindowCorrelator
-from plenopiv.displacement.growth import bend_of, growth, strides
+from plenopiv.displacement.noise_amplification import bend_of, growth, strides
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.spectra import as_correlated
+from plenopiv.displacement.sub_windows import mean_over, mean_weights, measured_inside
 from plenopiv.displacement.windows import WindowGrid
 from plenopiv.kernels import kernel, part
 

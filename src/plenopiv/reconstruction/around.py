@@ -13,10 +13,10 @@ import numpy as np
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField
-from plenopiv.projection.around import CamerasAround
-from plenopiv.reconstruction.chain import Reconstruction, corrected, left_by_tracing, some_left
+from plenopiv.projection.several_cameras import CamerasAround
 from plenopiv.reconstruction.mart import Progress
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, Noise, dark_noise
+from plenopiv.reconstruction.reconstruct import Reconstruction, corrected, left_by_tracing, some_left
 from plenopiv.reconstruction.settings import ReconstructionSettings
 
 

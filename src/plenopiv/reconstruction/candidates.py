@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.lightfield import LightField
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.noise import Noise
 
 LIT_MULTIPLE = 3.0  # a lit pixel stands this many standard deviations of the dark noise above the black level

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.lightfield import LightField
-from plenopiv.projection.projector import Projector
-from plenopiv.reconstruction.chain import Reconstruction, corrected, left_by_tracing, reconstruct, some_left
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.mart import Progress
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, Noise, dark_noise
+from plenopiv.reconstruction.reconstruct import Reconstruction, corrected, left_by_tracing, reconstruct, some_left
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.volume import SparseVolume
 

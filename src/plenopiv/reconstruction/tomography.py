@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.projection.pinhole import PinholeProjector
+from plenopiv.projection.pinhole.projector import PinholeProjector
 from plenopiv.reconstruction.candidates import LIT_MULTIPLE
-from plenopiv.reconstruction.chain import SMALLEST_FLOOR, Reconstruction
 from plenopiv.reconstruction.mart import Progress, mart
 from plenopiv.reconstruction.noise import Noise, noise_below
+from plenopiv.reconstruction.reconstruct import SMALLEST_FLOOR, Reconstruction
 from plenopiv.reconstruction.settings import TomographySettings
 
 LIT_SHARE = 0.05  # of what the light's pixels hold on average: a lit pixel has more

@@ -29,10 +29,10 @@ from plenopiv.io.netcdf import write_velocity
 from plenopiv.io.output import OutputFolder
 from plenopiv.io.vtkhdf import write_volume_vtkhdf
 from plenopiv.lightfield import decode, layout
-from plenopiv.projection.projector import Projector
-from plenopiv.reconstruction.chain import Reconstruction
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.focus import focus_weight
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
+from plenopiv.reconstruction.reconstruct import Reconstruction
 from plenopiv.reconstruction.tiles import cut, reconstruct_in_tiles
 from plenopiv.recording import Recording
 from plenopiv.report import light_field_stacks, projections, raw_crops, volume_stack, write_report

@@ -10,7 +10,7 @@ from pathlib import Path
 from textwrap import wrap
 
 from plenopiv.cli.progress import Progress
-from plenopiv.cli.speech import Outcome, painted
+from plenopiv.cli.terminal import Outcome, painted
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
 
@@ -26,11 +26,11 @@ def views(file: Path, frame: str | None, across: int) -> Outcome:
         PlenoPIVError: the experiment file, its images or the frame's name are wrong.
     """
     experiment = Experiment.load(file)
-    from plenopiv.report.look import contact_sheet
-    from plenopiv.run import looking
+    from plenopiv.report.light_field import contact_sheet
+    from plenopiv.run import light_field_images
 
-    lightfield, name = looking.light_field(experiment, frame)
-    seen = looking.views(lightfield, across)
+    lightfield, name = light_field_images.light_field(experiment, frame)
+    seen = light_field_images.views(lightfield, across)
     sheet = contact_sheet(seen.pictures, seen.u_mm, seen.v_mm, seen.x_mm, seen.y_mm, name)
     return _drawn(experiment, f"views-{Path(name).stem}.png", sheet)
 
@@ -45,13 +45,13 @@ def refocus(file: Path, z_mm: Sequence[float], frame: str | None) -> Outcome:
     lens_z = experiment.camera().main_lens.object_distance_mm
     if any(not z < lens_z for z in z_mm):
         raise PlenoPIVError(f"--z: depths must be in front of the main lens, which is at z = {lens_z:.6g} mm")
-    from plenopiv.report.look import depth_strip
-    from plenopiv.run import looking
+    from plenopiv.report.light_field import depth_strip
+    from plenopiv.run import light_field_images
 
-    lightfield, name = looking.light_field(experiment, frame)
-    depths = list(z_mm) or looking.depths(experiment)
+    lightfield, name = light_field_images.light_field(experiment, frame)
+    depths = list(z_mm) or light_field_images.depths(experiment)
     with Progress() as progress:
-        pictures, x, y = looking.focal_stack(lightfield, depths, progress)
+        pictures, x, y = light_field_images.focal_stack(lightfield, depths, progress)
     return _drawn(experiment, f"refocus-{Path(name).stem}.png", depth_strip(pictures, depths, x, y, name))
 
 

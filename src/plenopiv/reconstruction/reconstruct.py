@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.projection.protocol import Projection
 from plenopiv.reconstruction.candidates import (
     dark_to_light,

@@ -11,7 +11,7 @@ import numpy as np
 
 from plenopiv.kernels import inlined, kernel, part
 from plenopiv.projection.correction import factor_of
-from plenopiv.projection.simd import add_products, row_products
+from plenopiv.projection.plenoptic.plane_maps.simd import add_products, row_products
 
 F = np.float32
 LINE = F(0.8)  # of a product of a voxel, what one along a line costs

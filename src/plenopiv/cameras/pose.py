@@ -16,7 +16,7 @@ from plenopiv.volume import VoxelGrid
 
 
 @dataclass(frozen=True)
-class Mounting:
+class Pose:
     """Which way of the object a camera's own x, y and z point: 1, 2, 3 for x, y, z, negative for the opposite way.
 
     z points from the focal plane to the camera, x to the right and y up as the upright image shows them.
@@ -31,15 +31,15 @@ class Mounting:
         if sorted(abs(a) for a in self.axes) == [1, 2, 3]:
             turn = self._turn()
         if np.linalg.det(turn) < 0.5:
-            raise PlenoPIVError(f"mounting: {self.axes} are not the axes of a right-handed frame, as (1, 2, 3) are")
+            raise PlenoPIVError(f"pose: {self.axes} are not the axes of a right-handed frame, as (1, 2, 3) are")
 
     def _turn(self) -> NDArray[np.float64]:
         return np.eye(3)[[abs(a) - 1 for a in self.axes]] * np.sign(self.axes)[:, None]
 
-    def inverse(self) -> Mounting:
+    def inverse(self) -> Pose:
         """Which way of the camera the object's x, y and z point."""
         own = {abs(a): (n if a > 0 else -n) for n, a in enumerate(self.axes, 1)}
-        return Mounting((own[1], own[2], own[3]))
+        return Pose((own[1], own[2], own[3]))
 
     def in_camera(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Points or displacements (..., 3) of the object in the camera's own frame."""
@@ -65,5 +65,5 @@ class Mounting:
         return VoxelGrid((first[0], first[1], first[2]), (voxel[0], voxel[1], voxel[2]), (z, y, x))
 
 
-FRONT = Mounting()
-SIDE = Mounting((-3, 2, 1))  # on the +x side, looking along -x: turned by 90 degrees about y
+FRONT = Pose()
+SIDE = Pose((-3, 2, 1))  # on the +x side, looking along -x: turned by 90 degrees about y

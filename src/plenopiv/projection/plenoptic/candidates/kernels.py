@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from plenopiv.kernels import borrowed, inlined, kernel, part
-from plenopiv.projection.pixels import (
+from plenopiv.projection.plenoptic.pixel_weights import (
     EXACT,
     ONE_RAY,
     area_of,
@@ -21,7 +21,7 @@ from plenopiv.projection.pixels import (
     ray_share,
     reach_of,
 )
-from plenopiv.projection.views import lit_part
+from plenopiv.projection.plenoptic.plane_maps.view_pixels import lit_part
 
 LANES = 16  # voxels of a row computed at once: the widest float32 vector
 F = np.float32
@@ -37,7 +37,7 @@ def outward(x, by):
 
 
 @part
-def row_weights(geo, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, out_x, out_y, n, weight):
+def row_weights(cam, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, out_x, out_y, n, weight):
     """Shares of a pixel for voxels in a row: voxel i lies (x0 + i step_x, y0 + i step_y) cells off its footprint's
     centre.
 
@@ -51,38 +51,38 @@ def row_weights(geo, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, ou
             for i in range(LANES):
                 f = F(b + i)
                 x, y = outward(x0 + f * step_x, out_x), outward(y0 + f * step_y, out_y)
-                part[i] = pixel_share(geo, plane, x, y)
+                part[i] = pixel_share(cam, plane, x, y)
         elif rule == ONE_RAY:
             for i in range(LANES):
                 f = F(b + i)
-                part[i] = share * ray_inside(geo, x0 + f * step_x, y0 + f * step_y)
+                part[i] = share * ray_inside(cam, x0 + f * step_x, y0 + f * step_y)
         else:
             part[:] = F(0)
             for ray in range(9):
                 for i in range(LANES):
                     f = F(b + i)
-                    part[i] += ray_share(geo, plane, rim, qx, qy, ray, x0 + f * step_x, y0 + f * step_y)
+                    part[i] += ray_share(cam, plane, rim, qx, qy, ray, x0 + f * step_x, y0 + f * step_y)
 
 
 @part
-def footprint_of(geo, plane, s, t, qx, qy):
+def footprint_of(cam, plane, s, t, qx, qy):
     """Where a pixel's light comes from in a plane: the middle of its footprint, voxels along x and y."""
-    cx = plane.voxel_s * s + plane.step_x * qx - geo.x0
-    cy = plane.voxel_t * t + plane.step_y * qy - geo.y0
+    cx = plane.voxel_s * s + plane.step_x * qx - cam.x0
+    cy = plane.voxel_t * t + plane.step_y * qy - cam.y0
     return cx, cy
 
 
 @part
-def sharpness(geo, plane):
+def sharpness(cam, plane):
     """Over all places of a voxel in a plane, the integrals of its share of a pixel and of the share's square
     (cells^2), and the largest share."""
-    wide, high = reach_of(geo, plane, np.int64(EXACT))
+    wide, high = reach_of(cam, plane, np.int64(EXACT))
     total, squares, most, scale = 0.0, 0.0, F(0), F(0.25) / (plane.half * plane.half)
     for j in range(INTEGRATION):
         for i in range(INTEGRATION):
             x = F((i + 0.5) * (2.0 / INTEGRATION) - 1.0) * wide
             y = F((j + 0.5) * (2.0 / INTEGRATION) - 1.0) * high
-            share = area_of(geo, x, y, plane.half, plane.half) * scale
+            share = area_of(cam, x, y, plane.half, plane.half) * scale
             total += share
             squares += share * share
             most = max(most, share)
@@ -91,10 +91,10 @@ def sharpness(geo, plane):
 
 
 @kernel
-def sharpness_of_planes(begin, end, geo, table, out):
+def sharpness_of_planes(begin, end, cam, table, out):
     """``sharpness`` of planes ``begin`` to ``end`` of ``table`` into ``out`` (nz, 3)."""
     for k in range(begin, end):
-        out[k, 0], out[k, 1], out[k, 2] = sharpness(geo, plane_of(table, k))
+        out[k, 0], out[k, 1], out[k, 2] = sharpness(cam, plane_of(table, k))
 
 
 @part
@@ -118,7 +118,7 @@ def summarise(where, left):
 
 @kernel
 def prune(
-    begin, end, turns, geo, table, largest, rule, rim, offsets, order, lens_mm, phase, fill, bound, particle, blur,
+    begin, end, turns, cam, table, largest, rule, rim, offsets, order, lens_mm, phase, fill, bound, particle, blur,
     alive,
 ):  # fmt: skip
     """Rule out voxels that would light a pixel more than ``bound`` (view, lens) allows, in counts.
@@ -135,13 +135,13 @@ def prune(
         weight, left = np.empty(nx + LANES, np.float32), np.empty(((ny - 1) // TOGETHER + 1, nx), np.uint8)
         plane, where = plane_of(table, k), alive[k]
         counts = particle * plane.light
-        step_x, step_y = plane.cell_x * geo.cos, -plane.cell_x * geo.sin
+        step_x, step_y = plane.cell_x * cam.cos, -plane.cell_x * cam.sin
         half_x, half_y = F(0), F(0)
         if rule == EXACT:
-            half_x = F(0.5) * (abs(plane.cell_x * geo.cos) + abs(plane.cell_y * geo.sin))
-            half_y = F(0.5) * (abs(plane.cell_y * geo.cos) + abs(plane.cell_x * geo.sin))
+            half_x = F(0.5) * (abs(plane.cell_x * cam.cos) + abs(plane.cell_y * cam.sin))
+            half_y = F(0.5) * (abs(plane.cell_y * cam.cos) + abs(plane.cell_x * cam.sin))
         least = F(LEAST_SHARE) * largest[k]
-        reach_x, reach_y = box_of(geo, plane, rule)
+        reach_x, reach_y = box_of(cam, plane, rule)
         for tried, view in enumerate(order):
             if tried % TOGETHER == 0:
                 summarise(where, left)
@@ -153,11 +153,11 @@ def prune(
                 qx, qy, lit = m - phase[lens, 0], phase[lens, 1] - n, F(1)
                 out_x, out_y = half_x + abs(qx) * blur[k], half_y + abs(qy) * blur[k]
                 if rim[view] and rule == EXACT:
-                    lit, qx, qy = lit_part(geo.radius, plane.spread, qx, qy)
+                    lit, qx, qy = lit_part(cam.radius, plane.spread, qx, qy)
                     limit /= max(lit, F(1e-3))
                     if limit >= largest[k]:
                         continue
-                cx, cy = footprint_of(geo, plane, lens_mm[lens, 0], lens_mm[lens, 1], qx, qy)
+                cx, cy = footprint_of(cam, plane, lens_mm[lens, 0], lens_mm[lens, 1], qx, qy)
                 i0, i1 = max(floor_of(cx - reach_x) + 1, 0), min(floor_of(cx + reach_x) + 1, nx - LANES)
                 j0, j1 = max(floor_of(cy - reach_y) + 1, 0), min(floor_of(cy + reach_y) + 1, ny)
                 if i0 >= i1 or j0 >= j1:
@@ -171,9 +171,9 @@ def prune(
                         if not any_alive(row):
                             continue
                         ox, oy = plane.cell_x * (F(i0) - cx), plane.cell_y * (F(j) - cy)
-                        x0, y0 = geo.cos * ox + geo.sin * oy, geo.cos * oy - geo.sin * ox
+                        x0, y0 = cam.cos * ox + cam.sin * oy, cam.cos * oy - cam.sin * ox
                         row_weights(
-                            geo,
+                            cam,
                             plane,
                             rule,
                             rim[view],

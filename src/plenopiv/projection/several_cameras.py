@@ -1,6 +1,6 @@
 """Several plenoptic cameras around a volume, as one projection: their views one after the other.
 
-Each camera has a ``Projector`` of its own over the same voxels, numbered along its own axes (``Mounting.grid``). A list
+Each camera has a ``Projector`` of its own over the same voxels, numbered along its own axes (``Pose.grid``). A list
 of voxels is put in each camera's order once, and only its values travel after that.
 """
 
@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plenopiv.cameras.pose import FRONT, Pose
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField
 from plenopiv.projection.correction import correct
-from plenopiv.projection.mounting import FRONT, Mounting
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 
@@ -34,13 +34,13 @@ class CamerasAround:
     Views of the first camera come first. Images of a view are float32 (lens,), in counts; where a camera has fewer
     microlenses than the largest, the last are no equations. Cameras are taken as equally bright.
 
-    Raises PlenoPIVError where a projector's voxels are not those of ``grid`` seen from its mounting.
+    Raises PlenoPIVError where a projector's voxels are not those of ``grid`` seen from its pose.
     """
 
-    def __init__(self, grid: VoxelGrid, projectors: Sequence[Projector], mountings: Sequence[Mounting]):
-        self.grid, self.projectors, self.mountings = grid, tuple(projectors), tuple(mountings)
-        for number, (projector, mounting) in enumerate(zip(projectors, mountings, strict=True), 1):
-            if projector.grid != mounting.grid(grid):
+    def __init__(self, grid: VoxelGrid, projectors: Sequence[Projector], poses: Sequence[Pose]):
+        self.grid, self.projectors, self.poses = grid, tuple(projectors), tuple(poses)
+        for number, (projector, pose) in enumerate(zip(projectors, poses, strict=True), 1):
+            if projector.grid != pose.grid(grid):
                 raise PlenoPIVError(f"camera {number}: its voxels are not the volume's, turned as it is mounted")
         self._first = np.cumsum([0, *(p.views for p in self.projectors)])
         self._lenses = max(p.layout.lenses for p in self.projectors)
@@ -84,8 +84,8 @@ class CamerasAround:
     def left_by_all(self, volumes: Sequence[SparseVolume]) -> SparseVolume:
         """The voxels that are in every one of ``volumes``, a list of each camera in its own order; values are 1."""
         left = np.ones(self.grid.shape, bool)
-        for volume, mounting in zip(volumes, self.mountings, strict=True):
-            left &= mounting.inverse().planes(volume.mask())
+        for volume, pose in zip(volumes, self.poses, strict=True):
+            left &= pose.inverse().planes(volume.mask())
         return SparseVolume.from_mask(self.grid, left)
 
     def _stacked(self, each: Sequence[NDArray]) -> NDArray:
@@ -98,7 +98,7 @@ class CamerasAround:
         """Of each camera that has some of ``views``: its projector, the list in its order, which of the views are its
         own, and their numbers there."""
         if self._last is None or self._last[0] is not volume:
-            self._last = volume, [turned(volume, m) for m in self.mountings]
+            self._last = volume, [turned(volume, m) for m in self.poses]
         for number, (projector, listed) in enumerate(zip(self.projectors, self._last[1], strict=True)):
             mine = np.flatnonzero((views >= self._first[number]) & (views < self._first[number + 1]))
             if mine.size:
@@ -112,12 +112,12 @@ def places_of(volume: SparseVolume) -> tuple[NDArray[np.uint16], NDArray[np.uint
     return volume.column, line.astype(np.uint16), plane.astype(np.uint16)
 
 
-def turned(volume: SparseVolume, mounting: Mounting) -> Turned:
+def turned(volume: SparseVolume, pose: Pose) -> Turned:
     """A list of the object's voxels in the order of a camera mounted so, its values as they are now."""
-    if mounting == FRONT:
+    if pose == FRONT:
         return Turned(volume, slice(None))
-    grid, own, object_places = mounting.grid(volume.grid), list[NDArray[np.uint16]](), places_of(volume)
-    for axis, count in zip(mounting.axes, grid.shape[::-1], strict=True):
+    grid, own, object_places = pose.grid(volume.grid), list[NDArray[np.uint16]](), places_of(volume)
+    for axis, count in zip(pose.axes, grid.shape[::-1], strict=True):
         place = object_places[abs(axis) - 1]
         own.append(np.uint16(count - 1) - place if axis < 0 else place)
     rank = np.ravel_multi_index(own[::-1], grid.shape).astype(np.min_scalar_type(grid.size))

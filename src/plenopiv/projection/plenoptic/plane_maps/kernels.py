@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 
 from plenopiv.kernels import borrowed, inlined, kernel, part
-from plenopiv.projection.pixels import plane_of
-from plenopiv.projection.points import read_places, write_places
-from plenopiv.projection.rows import first_line, spread_rows, sum_rows
-from plenopiv.projection.simd import LANES
+from plenopiv.projection.plenoptic.pixel_weights import plane_of
+from plenopiv.projection.plenoptic.plane_maps.interpolation import read_places, write_places
+from plenopiv.projection.plenoptic.plane_maps.simd import LANES
+from plenopiv.projection.plenoptic.plane_maps.voxel_rows import first_line, spread_rows, sum_rows
 from plenopiv.threads import in_turn
 
 F = np.float32
@@ -28,12 +28,12 @@ OFF = F(1.15)  # px that a pixel's q may be off its view's: its phase, its lit p
 
 
 @part
-def pixels_near(geo, plane, size, border, views, n, low, high):
+def pixels_near(cam, plane, size, border, views, n, low, high):
     """Of the pixels of view n, which are sorted by row, four bounds: between the outer ones lie all whose footprints
     may be centred on rows low <= y < high of a map, between the inner ones none whose are not. A pixel's q along y is
     less than OFF away from the view's ``middle``."""
     points, t = size[2], views.pixels[1]
-    shift = F(border[1]) - points * geo.y0 + points * plane.step_y * views.middle[n]
+    shift = F(border[1]) - points * cam.y0 + points * plane.step_y * views.middle[n]
     slack = OFF * points * abs(plane.step_y) + ROUNDING
     found = (0, 0, 0, 0)
     for bound in range(4):
@@ -50,19 +50,19 @@ def pixels_near(geo, plane, size, border, views, n, low, high):
 
 
 @inlined
-def steps_of(geo, plane, size, border):
+def steps_of(cam, plane, size, border):
     """Where lens (0, 0) would have its footprint centred on a map, and the way for a step in s, q, t and q again."""
     points = size[2]
-    x0, y0 = F(border[0]) - points * geo.x0, F(border[1]) - points * geo.y0
+    x0, y0 = F(border[0]) - points * cam.x0, F(border[1]) - points * cam.y0
     return x0, y0, points * plane.voxel_s, points * plane.step_x, points * plane.voxel_t, points * plane.step_y
 
 
 @part
-def places(geo, plane, size, border, views, begin, count, top, at, across, along):
+def places(cam, plane, size, border, views, begin, count, top, at, across, along):
     """Where the footprints of wholly lit pixels ``begin`` onwards are centred on a strip, of a map of ``size`` (rows,
     columns, points to a voxel), whose first row is ``top``: the point above and to the left, the way to the next column
     and row. Those off the map along x go to its border, where it is dark."""
-    x0, y0, xs, xq, ys, yq = steps_of(geo, plane, size, border)
+    x0, y0, xs, xq, ys, yq = steps_of(cam, plane, size, border)
     width, top, right, p = np.int32(size[1]), np.int32(top), F(size[1]) - F(1.01), views.pixels
     s, t, qx, qy = p[0, begin:], p[1, begin:], p[2, begin:], p[3, begin:]
     for c in range(count):
@@ -73,9 +73,9 @@ def places(geo, plane, size, border, views, begin, count, top, at, across, along
 
 
 @part
-def places_at_rim(geo, plane, size, border, views, begin, count, top, at, across, along, lit):
+def places_at_rim(cam, plane, size, border, views, begin, count, top, at, across, along, lit):
     """The same for pixels that the aperture's rim cuts, and their lit shares."""
-    x0, y0, xs, xq, ys, yq = steps_of(geo, plane, size, border)
+    x0, y0, xs, xq, ys, yq = steps_of(cam, plane, size, border)
     width, top, right, p = np.int32(size[1]), np.int32(top), F(size[1]) - F(1.01), views.pixels
     s, t, qx, qy, off = p[0, begin:], p[1, begin:], p[2, begin:], p[3, begin:], plane.spread - views.first
     share, qx_off, qy_off, share_off = p[4, begin:], p[5, begin:], p[6, begin:], p[7, begin:]
@@ -99,13 +99,13 @@ def only_within(first, last, count, at, lit):
 
 
 @inlined
-def place(geo, plane, size, border, views, n, begin, count, top, low, high, inside, at, across, along, lit):
+def place(cam, plane, size, border, views, n, begin, count, top, low, high, inside, at, across, along, lit):
     """``places`` of pixels of view n and their lit shares, which are 0 off the rows low <= y < high; of those that are
     wholly lit and ``inside`` for certain, ``lit`` stays as it is. Inlined, as a call would pass a hundred arguments."""
     if views.rim[n]:
-        places_at_rim(geo, plane, size, border, views, begin, count, top, at, across, along, lit)
+        places_at_rim(cam, plane, size, border, views, begin, count, top, at, across, along, lit)
     else:
-        places(geo, plane, size, border, views, begin, count, top, at, across, along)
+        places(cam, plane, size, border, views, begin, count, top, at, across, along)
         if not inside:
             lit[:] = F(1)
     if not inside:
@@ -121,17 +121,17 @@ def runs_of(rim, bounds):
 
 
 @part
-def read(geo, plane, size, border, views, n, top, low, high, strip, light):
+def read(cam, plane, size, border, views, n, top, low, high, strip, light):
     """Add to ``light`` (count,) what the pixels of view n on rows low <= y < high of a map collect, whose rows from
     ``top`` on are ``strip`` (flat)."""
     at = np.empty(BLOCK, np.int32)
     across, along, lit = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    width, bounds = size[1], pixels_near(geo, plane, size, border, views, n, low, high)
+    width, bounds = size[1], pixels_near(cam, plane, size, border, views, n, low, high)
     for first, last, inside in runs_of(views.rim[n], bounds):
         lit[:] = F(1)
         for begin in range(first, last, BLOCK):
             count = min(BLOCK, last - begin)
-            place(geo, plane, size, border, views, n, begin, count, top, low, high, inside, at, across, along, lit)
+            place(cam, plane, size, border, views, n, begin, count, top, low, high, inside, at, across, along, lit)
             whole = count - count % LANES
             for c in range(0, whole, LANES):
                 read_places(strip, width, at, across, along, lit, c, plane.light, light, begin + c)
@@ -144,16 +144,16 @@ def read(geo, plane, size, border, views, n, top, low, high, strip, light):
 
 
 @part
-def write(geo, plane, size, border, views, n, top, low, high, image, strip):
+def write(cam, plane, size, border, views, n, top, low, high, image, strip):
     """The transpose of ``read`` but for ``plane.light``: add ``image`` (count,) to the strip."""
     at = np.empty(BLOCK, np.int32)
     across, along, lit = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    width, bounds = size[1], pixels_near(geo, plane, size, border, views, n, low, high)
+    width, bounds = size[1], pixels_near(cam, plane, size, border, views, n, low, high)
     for first, last, inside in runs_of(views.rim[n], bounds):
         lit[:] = F(1)
         for begin in range(first, last, BLOCK):
             count = min(BLOCK, last - begin)
-            place(geo, plane, size, border, views, n, begin, count, top, low, high, inside, at, across, along, lit)
+            place(cam, plane, size, border, views, n, begin, count, top, low, high, inside, at, across, along, lit)
             whole = count - count % LANES
             for c in range(0, whole, LANES):
                 write_places(image, begin + c, at, across, along, lit, c, strip, width)
@@ -204,7 +204,7 @@ def size_of(shape):
 
 
 @inlined
-def forward_planes(geo, plane, shape, border, planes, maps, ny, views, row_start, column, values, strip, spare, light):
+def forward_planes(cam, plane, shape, border, planes, maps, ny, views, row_start, column, values, strip, spare, light):
     """Add to ``light`` (count,) what the pixels of some views collect of the listed voxels of ``planes`` (first, end),
     which share one map.
 
@@ -224,7 +224,7 @@ def forward_planes(geo, plane, shape, border, planes, maps, ny, views, row_start
         j = stop
         finished = first_line(shape, j) if j < ny else bottom
         for n in range(views.start.size - 1):
-            read(geo, plane, size, border, views, n, top, top, finished - 1, strip, light)
+            read(cam, plane, size, border, views, n, top, top, finished - 1, strip, light)
         if bottom == height:
             return
         roll(strip, width, finished - 1 - top, lines)
@@ -233,7 +233,7 @@ def forward_planes(geo, plane, shape, border, planes, maps, ny, views, row_start
 
 @inlined
 def gather_planes(
-    geo, plane, shape, border, planes, maps, ny, views, row_start, column, image, multiply, strip, spare, out
+    cam, plane, shape, border, planes, maps, ny, views, row_start, column, image, multiply, strip, spare, out
 ):  # fmt: skip
     """What ``gather`` does for ``planes`` that share one map: it is made strip by strip from above, and rows of voxels
     are summed once all pixels around them are in."""
@@ -245,7 +245,7 @@ def gather_planes(
     while True:
         bottom = min(top + lines, height)
         for n in range(views.start.size - 1):
-            write(geo, plane, size, border, views, n, top, written, bottom - 1, image, strip)
+            write(cam, plane, size, border, views, n, top, written, bottom - 1, image, strip)
         written = bottom - 1
         stop = rows_before(shape, written, ny)
         for k in range(planes[0], planes[1]):
@@ -274,7 +274,7 @@ def of_plane(maps, k):
 
 
 @kernel
-def forward(begin, end, geo, table, first, maps, room, views, ny, row_start, column, values, partial):
+def forward(begin, end, cam, table, first, maps, room, views, ny, row_start, column, values, partial):
     """Light of the listed voxels in the pixels of views. Planes ``first[g]`` to ``first[g + 1]`` share one map, seen
     as ``table[g]`` is (``maps.Read``). Each row of ``partial`` (RUNS, count) takes that of some of them; rows ``begin``
     to ``end`` are filled. ``room``: as ``room_of`` tells it."""
@@ -288,13 +288,13 @@ def forward(begin, end, geo, table, first, maps, room, views, ny, row_start, col
             if row_start[planes[0] * ny] < row_start[planes[1] * ny]:
                 plane, size, edge = plane_of(table, g), shape_of(maps.shape, planes[0]), maps.border[planes[0]]
                 forward_planes(
-                    geo, plane, size, edge, planes, maps, ny, views, row_start, column, values, strip, spare, partial[c]
+                    cam, plane, size, edge, planes, maps, ny, views, row_start, column, values, strip, spare, partial[c]
                 )
 
 
 @kernel
 def gather(
-    begin, end, geo, table, first, maps, room, views, ny, row_start, column, image, multiply, out
+    begin, end, cam, table, first, maps, room, views, ny, row_start, column, image, multiply, out
 ):  # fmt: skip
     """For each listed voxel the sum of ``image`` (count,) over the pixels of views, each by the share of a wholly lit
     pixel that the voxel gives it, into ``out``; with ``multiply``, their number, ``out`` times ``factor_of`` it.
@@ -308,6 +308,6 @@ def gather(
             if row_start[planes[0] * ny] < row_start[planes[1] * ny]:
                 plane, size, edge = plane_of(table, g), shape_of(maps.shape, planes[0]), maps.border[planes[0]]
                 gather_planes(
-                    geo, plane, size, edge, planes, maps, ny, views, row_start, column, image, multiply, strip, spare,
+                    cam, plane, size, edge, planes, maps, ny, views, row_start, column, image, multiply, strip, spare,
                     out,
                 )  # fmt: skip

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import kernel
-from plenopiv.projection.geometry import Plane
-from plenopiv.projection.pixels import EXACT, area_of, box_of, plane_of
-from plenopiv.projection.simd import LANES
+from plenopiv.projection.plenoptic.geometry import Plane
+from plenopiv.projection.plenoptic.pixel_weights import EXACT, area_of, box_of, plane_of
+from plenopiv.projection.plenoptic.plane_maps.simd import LANES
 from plenopiv.threads import in_threads
 
 ACROSS = 7.0  # points of a map across a footprint, at least; with 4, depth is worse by a quarter
@@ -49,13 +49,13 @@ class Maps(NamedTuple):
     parts: NDArray[np.float32]
 
 
-def maps(geo, table: NDArray[np.float32], grid_shape: tuple[int, int, int], across: float = ACROSS) -> Maps:
-    """The maps of the planes of ``table`` (``geometry.planes``) of a camera ``geo`` (``geometry.rows``), with at least
+def maps(cam, table: NDArray[np.float32], grid_shape: tuple[int, int, int], across: float = ACROSS) -> Maps:
+    """The maps of the planes of ``table`` (``geometry.planes``) of a camera ``cam`` (``geometry.rows``), with at least
     ``across`` points across a footprint."""
     nz, ny, nx = grid_shape
     shape, start, border = np.zeros((nz, 6), np.int64), np.zeros((nz, 2), np.int64), np.zeros((nz, 2), np.int64)
     reach = np.empty((nz, 3), np.float32)
-    footprint_box(geo, table, reach)
+    footprint_box(cam, table, reach)
     total = 0
     for k, (wide, high, ramp) in enumerate(reach.tolist()):
         narrow = 2 * min(wide, high)
@@ -72,7 +72,7 @@ def maps(geo, table: NDArray[np.float32], grid_shape: tuple[int, int, int], acro
         start[k, 0] = total
         total += rows * columns * 4**shift
     shares = np.zeros(total, np.float32)
-    in_threads(tabulate, len(table), geo, table, shape, start, border, shares)
+    in_threads(tabulate, len(table), cam, table, shape, start, border, shares)
     rank, parts = np.zeros(nz, np.int64), list[NDArray[np.float64]]()
     for k, (_, _, rows, columns, _, shift) in enumerate(shape):
         voxels = 1 << shift
@@ -128,12 +128,12 @@ def single_planes(table: NDArray[np.float32]) -> Read:
     return Read(table, np.arange(len(table) + 1))
 
 
-def in_twos(geo, found: Maps, table: NDArray[np.float32], first: int) -> Read:
+def in_twos(cam, found: Maps, table: NDArray[np.float32], first: int) -> Read:
     """Neighbouring planes off one map, half-way between them, where its points are more than a voxel apart and light at
     the aperture's rim moves less than MOVED from one to that middle: planes of even number with the next (``first``
     0), or with the one before (1)."""
     steps = table[:, [Plane._fields.index("step_x"), Plane._fields.index("step_y")]]
-    moved = np.abs(np.diff(steps, axis=0)) / 2 * geo.radius
+    moved = np.abs(np.diff(steps, axis=0)) / 2 * cam.radius
     width = 2 * (found.border - 2) * (2.0 ** found.shape[:, 5] / found.shape[:, 4])[:, None]
     joined = (found.shape[1:] == found.shape[:-1]).all(1) & (found.border[1:] == found.border[:-1]).all(1)
     joined &= (found.shape[1:, 5] > 0) & (moved < MOVED * width[1:]).all(1)
@@ -151,16 +151,16 @@ def widest(found: Maps) -> tuple[float, float]:
 
 
 @kernel
-def footprint_box(geo, table, reach):
+def footprint_box(cam, table, reach):
     """Half widths in voxels of the box around a footprint, and the width of the ramp at its edge, (nz, 3)."""
     for k in range(table.shape[0]):
         plane = plane_of(table, k)
-        reach[k, 0], reach[k, 1] = box_of(geo, plane, np.int64(EXACT))
+        reach[k, 0], reach[k, 1] = box_of(cam, plane, np.int64(EXACT))
         reach[k, 2] = F(2) * min(plane.half, F(0.5)) / max(abs(plane.cell_x), abs(plane.cell_y))
 
 
 @kernel
-def tabulate(begin, end, geo, table, shape, start, border, shares):
+def tabulate(begin, end, cam, table, shape, start, border, shares):
     """Fill ``shares``: of planes ``begin`` to ``end`` those of a voxel for the points around it, the voxel on a point
     or, where voxels share one, beyond it by their fractions of the step."""
     for k in range(begin, end):
@@ -174,6 +174,6 @@ def tabulate(begin, end, geo, table, shape, start, border, shares):
                 oy = plane.cell_y * step * (F(down - j) + beyond_y)
                 for i in range(columns):
                     ox = plane.cell_x * step * (F(right - i) + beyond_x)
-                    x, y = geo.cos * ox + geo.sin * oy, geo.cos * oy - geo.sin * ox
-                    shares[at] = scale * area_of(geo, x, y, plane.half, plane.half)
+                    x, y = cam.cos * ox + cam.sin * oy, cam.cos * oy - cam.sin * ox
+                    shares[at] = scale * area_of(cam, x, y, plane.half, plane.half)
                     at += 1

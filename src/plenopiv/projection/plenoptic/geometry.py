@@ -74,7 +74,7 @@ def planes(camera: PlenopticCamera, grid: VoxelGrid) -> NDArray[np.float32]:
     return np.stack([np.broadcast_to(c, z.shape) for c in columns], -1).astype(np.float32)
 
 
-class Rows(NamedTuple):
+class CameraConstants(NamedTuple):
     """What does not change from plane to plane."""
 
     hexagonal: bool
@@ -88,10 +88,10 @@ class Rows(NamedTuple):
     y0: np.float32
 
 
-def rows(camera: PlenopticCamera, grid: VoxelGrid) -> Rows:
-    """The scalars of ``Rows``."""
+def camera_constants(camera: PlenopticCamera, grid: VoxelGrid) -> CameraConstants:
+    """The scalars of ``CameraConstants``."""
     lattice, f = camera.lattice, np.float32
-    return Rows(
+    return CameraConstants(
         lattice.kind == "hexagonal",
         f(camera.aperture_radius_px),
         f(cos(lattice.rotation_rad)),
@@ -111,15 +111,15 @@ def lenses_mm(layout: Layout) -> NDArray[np.float32]:
 
 
 def ends(
-    layout: Layout, geo: Rows, table: NDArray[np.float32], lens_mm: NDArray[np.float32], view: int
+    layout: Layout, cam: CameraConstants, table: NDArray[np.float32], lens_mm: NDArray[np.float32], view: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Where the pixels of a view meet the first and the last plane of ``table`` (``planes``): columns and rows, each
     (2, lens), in voxels. In between, light runs straight."""
     (m, n), found = layout.offsets[view], []
     for k in (0, -1):
         plane = Plane(*table[k].astype(np.float64))
-        column = plane.voxel_s * lens_mm[:, 0] + plane.step_x * (m - layout.phase[:, 0]) - geo.x0
-        row = plane.voxel_t * lens_mm[:, 1] + plane.step_y * (layout.phase[:, 1] - n) - geo.y0
+        column = plane.voxel_s * lens_mm[:, 0] + plane.step_x * (m - layout.phase[:, 0]) - cam.x0
+        row = plane.voxel_t * lens_mm[:, 1] + plane.step_y * (layout.phase[:, 1] - n) - cam.y0
         found.append((column, row))
     columns, rows_of_voxels = zip(*found, strict=True)
     return np.stack(columns), np.stack(rows_of_voxels)

@@ -12,19 +12,19 @@ from math import sqrt
 import numpy as np
 
 from plenopiv.kernels import inlined, part
-from plenopiv.projection import footprint
-from plenopiv.projection.footprint import TIP
-from plenopiv.projection.geometry import Plane
+from plenopiv.projection.plenoptic import cell_areas
+from plenopiv.projection.plenoptic.cell_areas import TIP
+from plenopiv.projection.plenoptic.geometry import Plane
 
 ONE_RAY, NINE_RAYS, EXACT = 0, 1, 2
 STRIPS = 6  # spelt out in rim_share, so that what they share is worked out once
 F = np.float32
 
-footprint.corner = inlined(footprint.corner)
-rectangle_in_hexagon = inlined(footprint.rectangle_in_hexagon)
-rectangle_in_square = inlined(footprint.rectangle_in_square)
-point_in_hexagon = inlined(footprint.point_in_hexagon)
-point_in_square = inlined(footprint.point_in_square)
+cell_areas.corner = inlined(cell_areas.corner)
+rectangle_in_hexagon = inlined(cell_areas.rectangle_in_hexagon)
+rectangle_in_square = inlined(cell_areas.rectangle_in_square)
+point_in_hexagon = inlined(cell_areas.point_in_hexagon)
+point_in_square = inlined(cell_areas.point_in_square)
 
 
 @part
@@ -42,100 +42,100 @@ def floor_of(x):
 
 
 @part
-def reach_of(geo, plane, rule):
+def reach_of(cam, plane, rule):
     """How far from a microlens' centre (cells, along and across rows) a footprint's centre may be and still meet it."""
-    half = plane.half if rule == EXACT else F(0.67) * plane.half * (abs(geo.cos) + abs(geo.sin))
-    half += abs(geo.turn) * (half + F(0.6))
-    return F(0.5) + half, (TIP if geo.hexagonal else F(0.5)) + half
+    half = plane.half if rule == EXACT else F(0.67) * plane.half * (abs(cam.cos) + abs(cam.sin))
+    half += abs(cam.turn) * (half + F(0.6))
+    return F(0.5) + half, (TIP if cam.hexagonal else F(0.5)) + half
 
 
 @part
-def box_of(geo, plane, rule):
+def box_of(cam, plane, rule):
     """Half widths in voxels, along x and y, of the box around a footprint."""
-    wide, high = reach_of(geo, plane, rule)
-    c, s = abs(geo.cos), abs(geo.sin)
+    wide, high = reach_of(cam, plane, rule)
+    c, s = abs(cam.cos), abs(cam.sin)
     return (c * wide + s * high) / abs(plane.cell_x), (c * high + s * wide) / abs(plane.cell_y)
 
 
 @inlined
-def patch_area(geo, x, y, half_x, half_y):
+def patch_area(cam, x, y, half_x, half_y):
     """Area of a patch centred at (x, y) cells in the microlens' cell.
 
     The patch is turned against the lattice by the rotation: its sides are where a turned one's are at the middle of
     what it shares with the cell.
     """
-    high = TIP if geo.hexagonal else F(0.5)
+    high = TIP if cam.hexagonal else F(0.5)
     across = F(0.5) * (max(y - half_y, -high) + min(y + half_y, high)) - y
     along = F(0.5) * (max(x - half_x, F(-0.5)) + min(x + half_x, F(0.5))) - x
-    x, y = x + geo.turn * across, y - geo.turn * along
-    return rectangle_in_hexagon(x, y, half_x, half_y) if geo.hexagonal else rectangle_in_square(x, y, half_x, half_y)
+    x, y = x + cam.turn * across, y - cam.turn * along
+    return rectangle_in_hexagon(x, y, half_x, half_y) if cam.hexagonal else rectangle_in_square(x, y, half_x, half_y)
 
 
 area_of = part(patch_area.py_func)  # compiled once for all that do not need it in vectors
 
 
 @inlined
-def pixel_share(geo, plane, x, y):
+def pixel_share(cam, plane, x, y):
     """Share of a pixel, all of it inside the aperture, that a voxel (x, y) cells off its footprint's centre gives."""
-    return patch_area(geo, x, y, plane.half, plane.half) * (F(0.25) / (plane.half * plane.half))
+    return patch_area(cam, x, y, plane.half, plane.half) * (F(0.25) / (plane.half * plane.half))
 
 
 @inlined
-def strip_area(geo, plane, x, y, u, v, base, outward, along_x, dv):
+def strip_area(cam, plane, x, y, u, v, base, outward, along_x, dv):
     """Area in the cell of the strip ``dv`` px from the pixel's middle; it ends at the rim, ``base`` px further in."""
-    edge = sqrt(max(geo.radius * geo.radius - (v + dv) * (v + dv), F(0.01))) - base
+    edge = sqrt(max(cam.radius * cam.radius - (v + dv) * (v + dv), F(0.01))) - base
     edge = max(min(edge, F(0.5)), F(-0.5))
     du = outward * F(0.5) * (edge - F(0.5))
     dx, dy = du if along_x else dv, dv if along_x else du
     half_u, half_v = (edge + F(0.5)) * plane.half, F(1.0 / STRIPS) * plane.half
-    along_rows = along_x != geo.swapped
+    along_rows = along_x != cam.swapped
     hx, hy = half_u if along_rows else half_v, half_v if along_rows else half_u
-    px, py = plane.move * (geo.cos * dx + geo.sin * dy), plane.move * (geo.cos * dy - geo.sin * dx)
-    return patch_area(geo, x + px, y + py, hx, hy)
+    px, py = plane.move * (cam.cos * dx + cam.sin * dy), plane.move * (cam.cos * dy - cam.sin * dx)
+    return patch_area(cam, x + px, y + py, hx, hy)
 
 
 @inlined
-def rim_base(geo, plane, u, v, outward, along_x, x, y):
+def rim_base(cam, plane, u, v, outward, along_x, x, y):
     """How much further in than from the axis the rim cuts a pixel at (u, v), u running towards the rim.
 
     Off focus the rim moves towards the pixel's centre by A times its distance; for a voxel off the footprint's centre
     the aperture's disc has moved by ``drift`` pixels per cell.
     """
-    reach = sqrt(max(geo.radius * geo.radius - v * v, F(0.01)))
-    off_x, off_y = plane.drift * (geo.cos * x - geo.sin * y), plane.drift * (geo.cos * y + geo.sin * x)
+    reach = sqrt(max(cam.radius * cam.radius - v * v, F(0.01)))
+    off_x, off_y = plane.drift * (cam.cos * x - cam.sin * y), plane.drift * (cam.cos * y + cam.sin * x)
     off_u, off_v = off_x if along_x else off_y, off_y if along_x else off_x
     return u + plane.spread * (reach - u) + outward * off_u + v / reach * off_v
 
 
 @inlined
-def rim_share(geo, plane, qx, qy, x, y):
+def rim_share(cam, plane, qx, qy, x, y):
     """The same for a pixel at q that the aperture's rim may cut: STRIPS rectangles that run towards the rim, each from
     the pixel's inner side to where the rim cuts its middle; what they share is worked out once."""
     along_x = abs(qx) > abs(qy)
     u, v = abs(qx) if along_x else abs(qy), qy if along_x else qx
     outward = F(1) if (qx if along_x else qy) > F(0) else F(-1)
-    base = rim_base(geo, plane, u, v, outward, along_x, x, y)
-    total = strip_area(geo, plane, x, y, u, v, base, outward, along_x, F(-2.5 / STRIPS))
-    total += strip_area(geo, plane, x, y, u, v, base, outward, along_x, F(-1.5 / STRIPS))
-    total += strip_area(geo, plane, x, y, u, v, base, outward, along_x, F(-0.5 / STRIPS))
-    total += strip_area(geo, plane, x, y, u, v, base, outward, along_x, F(0.5 / STRIPS))
-    total += strip_area(geo, plane, x, y, u, v, base, outward, along_x, F(1.5 / STRIPS))
-    total += strip_area(geo, plane, x, y, u, v, base, outward, along_x, F(2.5 / STRIPS))
+    base = rim_base(cam, plane, u, v, outward, along_x, x, y)
+    total = strip_area(cam, plane, x, y, u, v, base, outward, along_x, F(-2.5 / STRIPS))
+    total += strip_area(cam, plane, x, y, u, v, base, outward, along_x, F(-1.5 / STRIPS))
+    total += strip_area(cam, plane, x, y, u, v, base, outward, along_x, F(-0.5 / STRIPS))
+    total += strip_area(cam, plane, x, y, u, v, base, outward, along_x, F(0.5 / STRIPS))
+    total += strip_area(cam, plane, x, y, u, v, base, outward, along_x, F(1.5 / STRIPS))
+    total += strip_area(cam, plane, x, y, u, v, base, outward, along_x, F(2.5 / STRIPS))
     return total * (F(0.25) / (plane.half * plane.half))
 
 
 @inlined
-def ray_inside(geo, x, y):
+def ray_inside(cam, x, y):
     """1 where a ray at (x, y) cells meets the microlens, else 0."""
-    return point_in_hexagon(x, y) if geo.hexagonal else point_in_square(x, y)
+    return point_in_hexagon(x, y) if cam.hexagonal else point_in_square(x, y)
 
 
 @inlined
-def ray_share(geo, plane, rim, qx, qy, k, x, y):
+def ray_share(cam, plane, rim, qx, qy, k, x, y):
     """The same for ray k of nine through a pixel at q; none where the aperture stops it."""
     dx, dy = F(k % 3 - 1) / F(3), F(k // 3 - 1) / F(3)
     ux, uy = qx * (F(1) - plane.spread) + dx, qy * (F(1) - plane.spread) + dy
-    radius = geo.radius * (F(1) - plane.spread)
+    radius = cam.radius * (F(1) - plane.spread)
     lit = F(1.0 / 9.0) if (not rim) or (ux * ux + uy * uy <= radius * radius) else F(0)
-    px, py = plane.move * (geo.cos * dx + geo.sin * dy), plane.move * (geo.cos * dy - geo.sin * dx)
-    return lit * ray_inside(geo, x + px, y + py)
+    px, py = plane.move * (cam.cos * dx + cam.sin * dy), plane.move * (cam.cos * dy - cam.sin * dx)
+    return lit * ray_inside(cam, x + px, y + py)

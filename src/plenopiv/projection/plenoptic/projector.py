@@ -10,15 +10,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.cameras.coverage import half_sensor_mm
 from plenopiv.lightfield import Layout
-from plenopiv.projection import geometry, pixels, pruning, sparse
-from plenopiv.projection.borders import borders_coincide, rule_out_together
 from plenopiv.projection.correction import correct
-from plenopiv.projection.mapped import MappedViews
-from plenopiv.projection.maps import ACROSS
+from plenopiv.projection.plenoptic import by_voxel, geometry, pixel_weights
+from plenopiv.projection.plenoptic.candidates import kernels
+from plenopiv.projection.plenoptic.candidates.in_focus import borders_coincide, rule_out_together
+from plenopiv.projection.plenoptic.plane_maps.maps import ACROSS
+from plenopiv.projection.plenoptic.plane_maps.views import MappedViews
 from plenopiv.threads import in_threads, in_turn
 from plenopiv.volume import SparseVolume, VoxelGrid
 
-RULES = {"1-ray": pixels.ONE_RAY, "9-rays": pixels.NINE_RAYS, "exact": pixels.EXACT, "polygons": pixels.EXACT}
+RULES = {
+    "1-ray": pixel_weights.ONE_RAY,
+    "9-rays": pixel_weights.NINE_RAYS,
+    "exact": pixel_weights.EXACT,
+    "polygons": pixel_weights.EXACT,
+}
 CHUNKS = 64  # of rows of voxels, shared out among threads
 NOTHING = np.empty(1, np.float32)
 PARTIAL_IMAGES = 16  # of one view, summed in order
@@ -41,7 +47,7 @@ class Projector:
         self.layout, self.grid, self.rule = layout, grid, RULES[weights]
         self._lens_mm = geometry.lenses_mm(layout)
         self._box = (layout.i0, layout.j0, layout.ni, layout.nj)
-        self._rows, self._planes = geometry.rows(camera, grid), geometry.planes(camera, grid)
+        self._rows, self._planes = geometry.camera_constants(camera, grid), geometry.planes(camera, grid)
         m, n = np.abs(layout.offsets).T
         self._rim = np.hypot(m + 1.05, n + 1.05) > camera.aperture_radius_px  # phase and drift move a pixel by 0.55
         camera_and_grid = layout, grid, self._rows, self._planes, self._lens_mm
@@ -133,7 +139,7 @@ class Projector:
         """Of a voxel's share of a pixel, by plane: its sum and its squares' sum over all voxels of an endless plane,
         and the largest, (nz, 3)."""
         out = np.empty((self.grid.shape[0], 3))
-        in_threads(pruning.sharpness_of_planes, len(out), self._rows, self._planes, out)
+        in_threads(kernels.sharpness_of_planes, len(out), self._rows, self._planes, out)
         cells = self._planes[:, [geometry.Plane._fields.index(c) for c in ("cell_x", "cell_y")]]
         out[:, :2] /= np.abs(cells[:, :1] * cells[:, 1:])
         return out
@@ -176,7 +182,7 @@ class Projector:
         where, order = self.layout, self.judging_views
         bound = np.where(where.seen, bound, np.float32(np.inf))
         largest = self.sharpness()[:, 2].astype(np.float32)
-        if self.rule != pixels.EXACT:
+        if self.rule != pixel_weights.EXACT:
             largest[:] = 1.0
         move = self._planes[:, geometry.Plane._fields.index("move")]
         blur = 0.5 * np.abs(np.gradient(move)) if move.size > 1 else np.zeros(1)
@@ -188,7 +194,7 @@ class Projector:
         def planes() -> Iterator[NDArray[np.bool_]]:
             for lo in range(0, nz, SLAB):
                 slab = slice(lo, min(lo + SLAB, nz))
-                alive = np.zeros((slab.stop - lo, ny, nx + pruning.LANES), np.uint8)
+                alive = np.zeros((slab.stop - lo, ny, nx + kernels.LANES), np.uint8)
                 for plane in alive:
                     plane[:, :nx] = next(seen)
                 table, most, half_step = self._planes[slab], largest[slab], blur[slab].astype(np.float32)
@@ -203,9 +209,9 @@ class Projector:
                     half_step,
                     alive,
                 )
-                in_threads(pruning.prune, len(alive), *about)
+                in_threads(kernels.prune, len(alive), *about)
                 for k, plane in enumerate(alive[:, :, :nx], lo):
-                    if self.rule == pixels.EXACT and borders_coincide(where, self.grid, k):
+                    if self.rule == pixel_weights.EXACT and borders_coincide(where, self.grid, k):
                         counts = particle * float(self.light_of_planes()[k])
                         rule_out_together(where, self.grid, k, plane, bound, counts, whole)
                     yield plane > 0
@@ -229,7 +235,7 @@ class Projector:
     def _walk(self, view: int, volume: SparseVolume, chunks: int, image, partial, out, scatter: bool) -> None:
         m, n = self.layout.offsets[view].astype(np.float32)
         in_threads(
-            sparse.walk,
+            by_voxel.walk,
             chunks,
             self._rows,
             self._box,

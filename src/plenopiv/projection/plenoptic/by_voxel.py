@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from plenopiv.kernels import kernel, part
-from plenopiv.projection.pixels import (
+from plenopiv.projection.plenoptic.pixel_weights import (
     EXACT,
     ONE_RAY,
     floor_of,
@@ -34,23 +34,23 @@ PX = F(2.0**-32)  # of the clock's ticks
 
 
 @part
-def slot_places(geo, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, lens, x, y, qx, qy, m, n):
+def slot_places(cam, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, lens, x, y, qx, qy, m, n):
     """For one slot: the lens of each voxel, the voxel's place off its footprint's centre (cells), and the pixel's q.
 
     ``lens`` is the flat index or, outside the block of lenses, -1.
     """
     i0, j0, ni, nj = box
-    spacing = plane.pitch * geo.row
+    spacing = plane.pitch * cam.row
     for k in range(count):
         j = j_of[k] + dj
-        odd = (j & 1) if geo.hexagonal else 0
+        odd = (j & 1) if cam.hexagonal else 0
         i = first_i[k] + di
         half_pitches = 2 * i + odd
         phase_c = F(np.int32(clock[0, 0] + half_pitches * clock[1, 0] + j * clock[2, 0])) * PX
         phase_r = F(np.int32(clock[0, 1] + half_pitches * clock[1, 1] + j * clock[2, 1])) * PX
         px, py = -plane.move * phase_c, plane.move * phase_r
-        x[k] = cx[k] - F(0.5) * plane.pitch * F(half_pitches) + geo.cos * px + geo.sin * py
-        y[k] = cy[k] - spacing * F(j) + geo.cos * py - geo.sin * px
+        x[k] = cx[k] - F(0.5) * plane.pitch * F(half_pitches) + cam.cos * px + cam.sin * py
+        y[k] = cy[k] - spacing * F(j) + cam.cos * py - cam.sin * px
         qx[k], qy[k] = m - phase_c, phase_r - n
         here = (i >= i0) & (i < i0 + ni) & (j >= j0) & (j < j0 + nj)
         lens[k] = (j - j0) * ni + (i - i0) if here else -1
@@ -69,42 +69,42 @@ def collect(
 
 
 @part
-def pair_shares(geo, plane, rule, rim, share, pairs, lens, x, y, qx, qy, weight):
+def pair_shares(cam, plane, rule, rim, share, pairs, lens, x, y, qx, qy, weight):
     """The share of its lens' pixel that the voxel of each pair gives, into ``weight``."""
     if rule == ONE_RAY:
         for k in range(pairs):
-            weight[k] = share[lens[k]] * ray_inside(geo, x[k], y[k])
+            weight[k] = share[lens[k]] * ray_inside(cam, x[k], y[k])
     elif rule == EXACT and not rim:
         for k in range(pairs):
-            weight[k] = pixel_share(geo, plane, x[k], y[k])
+            weight[k] = pixel_share(cam, plane, x[k], y[k])
     elif rule == EXACT:
         for k in range(pairs):
-            weight[k] = rim_share(geo, plane, qx[k], qy[k], x[k], y[k])
+            weight[k] = rim_share(cam, plane, qx[k], qy[k], x[k], y[k])
     else:
         for k in range(pairs):
             weight[k] = F(0)
         for ray in range(9):
             for k in range(pairs):
-                weight[k] += ray_share(geo, plane, rim, qx[k], qy[k], ray, x[k], y[k])
+                weight[k] += ray_share(cam, plane, rim, qx[k], qy[k], ray, x[k], y[k])
 
 
 @part
-def block_begin(geo, plane, m, n, count, column, row, cx, cy, j_of, high):
+def block_begin(cam, plane, m, n, count, column, row, cx, cy, j_of, high):
     """Voxels of a block in cells from lens (0, 0), seen through the view's nominal portion, and their first row of
     lenses."""
-    spacing = plane.pitch * geo.row
+    spacing = plane.pitch * cam.row
     for k in range(count):
-        ax = plane.cell_x * (geo.x0 + F(column[k])) + plane.move * m - plane.origin_x
-        ay = plane.cell_y * (geo.y0 + F(row[k])) - plane.move * n - plane.origin_y
-        cx[k], cy[k] = geo.cos * ax + geo.sin * ay, geo.cos * ay - geo.sin * ax
+        ax = plane.cell_x * (cam.x0 + F(column[k])) + plane.move * m - plane.origin_x
+        ay = plane.cell_y * (cam.y0 + F(row[k])) - plane.move * n - plane.origin_y
+        cx[k], cy[k] = cam.cos * ax + cam.sin * ay, cam.cos * ay - cam.sin * ax
         j_of[k] = floor_of((cy[k] - high) / spacing) + 1
 
 
 @part
-def block_columns(geo, plane, count, cx, j_of, dj, wide, first_i):
+def block_columns(cam, plane, count, cx, j_of, dj, wide, first_i):
     """First lens of the window in its row ``dj``, for each voxel of a block."""
     for k in range(count):
-        odd = F((j_of[k] + dj) & 1) if geo.hexagonal else F(0)
+        odd = F((j_of[k] + dj) & 1) if cam.hexagonal else F(0)
         first_i[k] = floor_of((cx[k] - wide) / plane.pitch - F(0.5) * odd) + 1
 
 
@@ -124,7 +124,7 @@ def fill_block(plane_end, start, row, ny, row_start, column, block_column, block
 
 @kernel
 def walk(
-    begin, end, geo, box, clock, table, ny, rule, rim, m, n, share, chunks, row_start, column, values, image, partial,
+    begin, end, cam, box, clock, table, ny, rule, rim, m, n, share, chunks, row_start, column, values, image, partial,
     out, scatter,
 ):  # fmt: skip
     """The listed voxels and the lenses that each lights in one view.
@@ -148,25 +148,25 @@ def walk(
             plane = plane_of(table, row // ny)
             last_row = min((row // ny + 1) * ny, chunks[c + 1])
             start, plane_end = row_start[row], row_start[last_row]
-            reach_x, reach_y = reach_of(geo, plane, rule)
-            moved = F(0.5) * abs(plane.move) * (abs(geo.cos) + abs(geo.sin))  # what a phase of half a pixel can move
+            reach_x, reach_y = reach_of(cam, plane, rule)
+            moved = F(0.5) * abs(plane.move) * (abs(cam.cos) + abs(cam.sin))  # what a phase of half a pixel can move
             wide, high = reach_x + moved, reach_y + moved
             lenses, lens_rows = (
                 np.int64(F(2) * wide / plane.pitch) + 1,
-                np.int64(F(2) * high / (plane.pitch * geo.row)) + 1,
+                np.int64(F(2) * high / (plane.pitch * cam.row)) + 1,
             )
             slots = lenses * lens_rows
             while start < plane_end:
                 count, row = fill_block(plane_end, start, row, ny, row_start, column, block_column, block_row)
-                block_begin(geo, plane, m, n, count, block_column, block_row, cx, cy, j_of, high)
+                block_begin(cam, plane, m, n, count, block_column, block_row, cx, cy, j_of, high)
                 for k in range(count):
                     total[k] = values[start + k] * plane.light if scatter else F(0)
                 pairs = 0
                 for slot in range(slots):
                     dj, di = slot // lenses, slot % lenses
                     if di == 0:
-                        block_columns(geo, plane, count, cx, j_of, dj, wide, first_i)
-                    slot_places(geo, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, lens, x, y, qx, qy, m, n)
+                        block_columns(cam, plane, count, cx, j_of, dj, wide, first_i)
+                    slot_places(cam, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, lens, x, y, qx, qy, m, n)
                     pairs = collect(
                         count,
                         reach_x,
@@ -187,7 +187,7 @@ def walk(
                     if pairs < PAIRS - BLOCK and slot < slots - 1:
                         continue
                     pair_shares(
-                        geo, plane, rule, rim, share, pairs, pair_lens, pair_x, pair_y, pair_qx, pair_qy, weight
+                        cam, plane, rule, rim, share, pairs, pair_lens, pair_x, pair_y, pair_qx, pair_qy, weight
                     )
                     if scatter:
                         for k in range(pairs):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import inlined, kernel, part
-from plenopiv.projection.pixels import plane_of
+from plenopiv.projection.plenoptic.pixel_weights import plane_of
 
 F = np.float32
 GAUSS = F(0.28867513)  # of a pixel: the two points at which its lit length is taken
@@ -52,7 +52,7 @@ def lit_part(radius, spread, qx, qy):
 
 
 @kernel
-def meeting(geo, plane_ends, seen, by_row, lens_mm, phase, m, n, size, found):
+def meeting(cam, plane_ends, seen, by_row, lens_mm, phase, m, n, size, found):
     """The lenses whose pixel at (m, n) is an equation and may meet a voxel, into ``found``, in the order ``by_row``;
     returns their number. ``plane_ends``: the first and the last plane, between which light runs straight; ``size``:
     columns and rows of voxels, and half the width and height of the widest footprint."""
@@ -68,16 +68,16 @@ def meeting(geo, plane_ends, seen, by_row, lens_mm, phase, m, n, size, found):
         y_1, y_2 = first.voxel_t * t + first.step_y * qy, last.voxel_t * t + last.step_y * qy
         found[count] = lens
         count += (
-            (min(x_1, x_2) - geo.x0 < nx + wide)
-            & (max(x_1, x_2) - geo.x0 > -wide - F(1))
-            & (min(y_1, y_2) - geo.y0 < ny + high)
-            & (max(y_1, y_2) - geo.y0 > -high - F(1))
+            (min(x_1, x_2) - cam.x0 < nx + wide)
+            & (max(x_1, x_2) - cam.x0 > -wide - F(1))
+            & (min(y_1, y_2) - cam.y0 < ny + high)
+            & (max(y_1, y_2) - cam.y0 > -high - F(1))
         )
     return count
 
 
 @kernel
-def look(geo, lenses, m, n, rim, lens_mm, phase, first, last, begin, end, pixels):
+def look(cam, lenses, m, n, rim, lens_mm, phase, first, last, begin, end, pixels):
     """The pixels of a view that are equations, ``lenses``, as ``pixels`` (8, begin : end): s, t; q along x and y
     and lit share in the plane of A = ``first``; their change per unit of A, which is all but linear up to ``last``."""
     per_unit = F(1) / (last - first) if last != first else F(0)
@@ -88,8 +88,8 @@ def look(geo, lenses, m, n, rim, lens_mm, phase, first, last, begin, end, pixels
         pixels[2, c], pixels[3, c], pixels[4, c] = qx, qy, F(1)
         pixels[5, c] = pixels[6, c] = pixels[7, c] = F(0)
         if rim:
-            lit_1, x_1, y_1 = lit_part(geo.radius, first, qx, qy)
-            lit_2, x_2, y_2 = lit_part(geo.radius, last, qx, qy)
+            lit_1, x_1, y_1 = lit_part(cam.radius, first, qx, qy)
+            lit_2, x_2, y_2 = lit_part(cam.radius, last, qx, qy)
             pixels[2, c], pixels[3, c], pixels[4, c] = x_1, y_1, lit_1
             pixels[5, c], pixels[6, c] = (x_2 - x_1) * per_unit, (y_2 - y_1) * per_unit
             pixels[7, c] = (lit_2 - lit_1) * per_unit

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.lightfield import Layout
-from plenopiv.projection import geometry, strips
-from plenopiv.projection.maps import in_twos, maps, single_planes, widest
-from plenopiv.projection.views import Views, look, meeting
+from plenopiv.projection.plenoptic import geometry
+from plenopiv.projection.plenoptic.plane_maps import kernels
+from plenopiv.projection.plenoptic.plane_maps.maps import in_twos, maps, single_planes, widest
+from plenopiv.projection.plenoptic.plane_maps.view_pixels import Views, look, meeting
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
 
@@ -28,7 +29,7 @@ class MappedViews:
         self,
         layout: Layout,
         grid: VoxelGrid,
-        rows: geometry.Rows,
+        rows: geometry.CameraConstants,
         planes: NDArray[np.float32],
         lens_mm: NDArray[np.float32],
         rim: NDArray[np.bool_],
@@ -37,7 +38,7 @@ class MappedViews:
         self.layout, self.grid, self.rim = layout, grid, rim
         self.rows, self.planes, self.lens_mm = rows, planes, lens_mm
         self.maps = maps(self.rows, self.planes, grid.shape, across)
-        self.room = strips.room_of(self.maps.shape, strips.STRIP)
+        self.room = kernels.room_of(self.maps.shape, kernels.STRIP)
         self.alone = single_planes(self.planes)
         self.in_twos = [in_twos(self.rows, self.maps, self.planes, first) for first in (0, 1)]
         downwards = self.planes[0, geometry.Plane._fields.index("voxel_t")]
@@ -52,9 +53,9 @@ class MappedViews:
     def forward(self, views: NDArray[np.int64], volume: SparseVolume) -> NDArray[np.float32]:
         """The volume's light in each of ``views``, (views, lens); 0 where the pixel is no equation."""
         lenses, pixels = self.look(views)
-        partial = np.empty((strips.RUNS, lenses.size), np.float32)
+        partial = np.empty((kernels.RUNS, lenses.size), np.float32)
         arguments = *self._kernel_arguments(views, volume, pixels), volume.values, partial
-        in_threads(strips.forward, strips.RUNS, *arguments, little=self._little(volume, pixels))
+        in_threads(kernels.forward, kernels.RUNS, *arguments, little=self._little(volume, pixels))
         images = np.zeros((len(views), self.layout.lenses), np.float32)
         images[_of_view(pixels), lenses] = partial.sum(0)
         return images
@@ -106,7 +107,7 @@ class MappedViews:
         lenses, pixels = self.look(views)
         corrections = images[_of_view(pixels), lenses].astype(np.float32)
         arguments = *self._kernel_arguments(views, volume, pixels), corrections, multiply, out
-        in_threads(strips.gather, strips.RUNS, *arguments, little=self._little(volume, pixels))
+        in_threads(kernels.gather, kernels.RUNS, *arguments, little=self._little(volume, pixels))
 
     def _little(self, volume: SparseVolume, pixels: Views) -> bool:
         """Whether a kernel's work, pixels read in each plane and voxels spread, takes less than handing it over."""

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.cameras.pinhole import PinholeCamera, share_seen
 from plenopiv.errors import PlenoPIVError
-from plenopiv.projection import shadows
 from plenopiv.projection.correction import correct
-from plenopiv.projection.shadows import Sight
+from plenopiv.projection.pinhole import kernels
+from plenopiv.projection.pinhole.kernels import Sight
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
 
@@ -86,7 +86,7 @@ class PinholeProjector:
         for view, image in zip(np.atleast_1d(views), images, strict=True):
             partial = np.empty((CHUNKS, self.pixels[view]), np.float32)
             listed = chunks, volume.row_start, volume.column, volume.values
-            in_threads(shadows.project, CHUNKS, self._sights[view], self.grid.shape[1], *listed, partial)
+            in_threads(kernels.project, CHUNKS, self._sights[view], self.grid.shape[1], *listed, partial)
             np.sum(partial, axis=0, out=image[: self.pixels[view]])
         return images.reshape(*np.shape(views), -1)
 
@@ -107,10 +107,10 @@ class PinholeProjector:
             self._back(np.atleast_1d(views)[0], np.atleast_2d(corrections)[0], volume, True, volume.values)
 
     def _back(self, view: int, image: NDArray, volume: SparseVolume, multiply: bool, out: NDArray[np.float32]) -> None:
-        """``shadows.gather`` of the image of one camera."""
+        """``kernels.gather`` of the image of one camera."""
         listed = self._row_chunks(volume), volume.row_start, volume.column
         about = self._sights[view], self.grid.shape[1], *listed, image.astype(np.float32), multiply, out
-        in_threads(shadows.gather, CHUNKS, *about)
+        in_threads(kernels.gather, CHUNKS, *about)
 
     def lit_in_every_camera(self, images: NDArray[np.float32], threshold: float) -> SparseVolume:
         """The voxels whose shadow meets more than ``threshold`` counts in every camera of ``images`` (camera, pixel).
@@ -127,7 +127,7 @@ class PinholeProjector:
                 shape = (min(SLAB, nz - lo), ny, nx)
                 least, product = np.full(shape, np.inf, np.float32), np.ones(shape)
                 for sight, image in zip(self._sights, images, strict=True):
-                    in_threads(shadows.least_along_sight, shape[0], sight, lo, image, least, product)
+                    in_threads(kernels.least_along_sight, shape[0], sight, lo, image, least, product)
                 lit = least > threshold
                 values.append((product[lit] ** (1 / self.views)).astype(np.float32))
                 yield from lit
@@ -160,7 +160,7 @@ def sight_of(camera: PinholeCamera, grid: VoxelGrid) -> Sight:
     )  # fmt: skip
 
 
-def _place(vector: NDArray) -> shadows.Place:
+def _place(vector: NDArray) -> kernels.Place:
     x, y, z = (float(c) for c in vector)
     return x, y, z
 

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.displacement.averaging import Weights
 from plenopiv.displacement.correlation import fade
 from plenopiv.displacement.predictor import smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.sub_windows import Weights
 from plenopiv.displacement.windows import WindowGrid
 
 _WAVES = 32  # wave numbers along each axis

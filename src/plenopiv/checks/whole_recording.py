@@ -16,7 +16,7 @@ from plenopiv.checks.findings import Finding
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVWarning, printable
 from plenopiv.lightfield import LightField, decode, layout
-from plenopiv.projection.projector import Projector
+from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
 from plenopiv.sensor import middle, middle_of

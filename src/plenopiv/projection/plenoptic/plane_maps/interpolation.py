@@ -16,7 +16,15 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from plenopiv.projection.simd import INDEX, LANE, LANES, data_of, in_all_lanes, load_vector, vector_at
+from plenopiv.projection.plenoptic.plane_maps.simd import (
+    INDEX,
+    LANE,
+    LANES,
+    data_of,
+    in_all_lanes,
+    load_vector,
+    vector_at,
+)
 
 PAIR = ir.VectorType(ir.FloatType(), 2)
 CONTRACT = ("contract",)
