@@ -11,13 +11,10 @@ from pathlib import Path
 
 import plenopiv
 from plenopiv.calibration import find_lattice
-from plenopiv.displacement.multigrid import measure
+from plenopiv.chain import Chain
 from plenopiv.io import write_velocity
 from plenopiv.lightfield import decode, layout
-from plenopiv.projection.plenoptic.projector import Projector
-from plenopiv.reconstruction.focus import focus_weight
 from plenopiv.reconstruction.noise import counts_per_electron
-from plenopiv.reconstruction.reconstruct import reconstruct
 from plenopiv.velocity import velocity_dataset
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "ring")
@@ -33,22 +30,22 @@ camera = experiment.camera().with_lattice(fit.lattice)
 print(f"calibration    {fit.microlenses} microlenses, {fit.residual_px:.3f} px off a regular lattice (RMS)")
 
 where = layout(camera)  # which pixel is which view's of which microlens; nothing is interpolated
-fields = [decode(frame, where) for frame in frames]
-print(f"light field    {fields[0].values.shape} (view, lens), {fields[0].values.dtype} counts above the black level")
+field = decode(frames[0], where)
+print(f"light field    {field.values.shape} (view, lens), {field.values.dtype} counts above the black level")
 
-grid = experiment.grid()
-projector = Projector(where, grid, experiment.reconstruction.weights)  # weights, computed and never stored
-gain = counts_per_electron(decode(white, where))
-found = [
-    reconstruct(field, projector, experiment.reconstruction.settings(), counts_per_electron=gain) for field in fields
-]
-volume = found[0].volume
+chain = Chain(  # plain data: what does not change from frame to frame
+    cameras=(camera,),
+    grid=experiment.grid(),
+    reconstruction=experiment.reconstruction.settings(),
+    correlation=experiment.correlation.settings(),
+    counts_per_electron=counts_per_electron(decode(white, where)),
+)
+found = [chain.reconstruct([frame]) for frame in frames]  # candidates, then MART; weights are never stored
+volume, grid = found[0].volume, chain.grid
 print(f"reconstruction {grid.shape} (z, y, x) voxels of {grid.voxel_mm} mm, {100 * volume.occupancy:.2f} % hold light")
-print("               residual by round, counts:", *(f"{counts:.1f}" for counts in found[0].residuals))
+print("               residual by iteration, counts:", *(f"{counts:.1f}" for counts in found[0].residuals))
 
-near_focus = focus_weight(camera, grid.axes()[2], experiment.reconstruction.focus_reach)  # (z,), 0 in focus
-pair = [one.volume.with_planes_scaled(near_focus) for one in found]
-displacement = measure(*pair, experiment.correlation.settings())
+displacement = chain.displacement(found[0].volume, found[1].volume)  # planes near focus count less
 print(f"displacement   {displacement.displacement.shape} (component x y z, z, y, x), voxels per frame")
 
 velocity = velocity_dataset(displacement, grid, recording.dt_s, time_s=0.5 * recording.dt_s)

@@ -20,7 +20,7 @@ from single_particles import DEPTHS, LIT, RAYS, places
 from small_camera import CAMERA, LAYOUT, VOXEL_MM, grid, noise_free
 
 from plenopiv.lightfield import LightField
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.candidates import dark_to_light
 from plenopiv.report.figures import BLUE, GREEN, STYLE
 
@@ -30,16 +30,16 @@ WEIGHTS = {"9-rays": "nine rays a pixel", "exact": "exact areas"}
 Row = dict[str, Any]
 
 
-def kept(lightfield: LightField, projector: Projector) -> tuple[int, int]:
+def kept(lightfield: LightField, projector: PlenopticProjector) -> tuple[int, int]:
     """Voxels that the product keeps of a single particle, and the planes from the first to the last of them."""
-    volume = projector.voxels_within(dark_to_light(lightfield, LIT), 1.0)
+    volume = projector.candidates(dark_to_light(lightfield, LIT), 1.0)
     planes = np.flatnonzero(np.diff(volume.row_start[:: volume.grid.shape[1]]))
     return volume.column.size, int(np.ptp(planes)) + 1 if planes.size else 0
 
 
 def measure(depths: tuple[int, ...], count: int, rays: int) -> list[Row]:
     """Voxels and planes kept at every depth, on the axis and at ``count`` places over a microlens."""
-    projectors = {weights: Projector(LAYOUT, grid(ACROSS), weights) for weights in WEIGHTS}
+    projectors = {weights: PlenopticProjector(LAYOUT, grid(ACROSS), weights) for weights in WEIGHTS}
     rows = []
     for place, (x, y) in enumerate([(0.0, 0.0), *places(count)]):
         for depth in depths:

@@ -10,7 +10,7 @@ from comparison_settings import Comparison, LightFieldSetting, TomoSetting, TwoC
 from lightfield_case import Setting, camera_of, correlation_of
 from two_cameras_case import POSES, cameras_of
 
-from plenopiv.reconstruction.settings import ReconstructionSettings, TomographySettings
+from plenopiv.reconstruction.settings import TOMOGRAPHY, ReconstructionSettings
 from plenopiv.run import duration, memory
 
 CAMERAS = 4
@@ -64,7 +64,7 @@ def two_cameras_cost(setting: TwoCamerasSetting) -> tuple[float, float]:
 def tomo_cost(setting: TomoSetting) -> tuple[float, float]:
     """Bytes and seconds of Tomo-PIV; simulation left out."""
     grid = setting.grid
-    frame = CAMERAS * grid.size * (SIGHT + LISTED * TomographySettings.iterations * CORRECT)
+    frame = CAMERAS * grid.size * (SIGHT + LISTED * TOMOGRAPHY.iterations * CORRECT)
     layer = 4.0 * 2 * prod(grid.shape[1:]) * setting.windows[0][2]
     peak = memory.BASE + LISTED_BYTES * LISTED * grid.size + layer
     return peak, (SLOWER if layer > LARGE else 1.0) * (2 * frame + _pair(setting)) / numba.get_num_threads()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING
 
@@ -15,20 +15,16 @@ from plenopiv.accuracy import exact_volume
 from plenopiv.cameras.coverage import seen_by_every_view_mm
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.presets import preset
+from plenopiv.chain import Chain
 from plenopiv.design.twin import NOISE, WAVELENGTH_NM, mounted, seeing
-from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
-from plenopiv.lightfield import decode, layout
-from plenopiv.projection.plenoptic.projector import Projector
-from plenopiv.reconstruction.focus import focus_weight
-from plenopiv.reconstruction.reconstruct import Reconstruction, reconstruct
+from plenopiv.reconstruction.reconstruct import Reconstruction
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.simulation.flows import Velocity
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.sensor_noise import digitise
 from plenopiv.simulation.simulated_recording import Seeding, seed_pair
-from plenopiv.velocity import velocity_dataset
 from plenopiv.volume import SparseVolume
 
 if TYPE_CHECKING:
@@ -85,24 +81,25 @@ def correlation_of(
 
 @dataclass(frozen=True)
 class Reconstructed:
-    """Both volumes of a measurement. ``seen``: of a field and half the last window, the windows that are seen; the rest
-    as in ``Measured``."""
+    """Both volumes of a measurement, and the chain that made them. ``seen``: of a field and half the last window, the
+    windows that are seen; the rest as in ``Measured``."""
 
     setting: Setting
+    chain: Chain
     seen: Callable[[xr.Dataset, NDArray[np.float64]], NDArray[np.bool_]]
     particles: Frames
-    volumes: Sequence[SparseVolume]
+    volumes: tuple[SparseVolume, SparseVolume]
     candidates: float
     clock: Clock
 
     def correlated(
         self, inner_window: Window | None = None, inner_overlap: float = CorrelationSettings.inner_overlap
     ) -> Measured:
-        """The velocity field, in the setting's windows with or without others in them."""
+        """The velocity field, in the setting's windows with or without sub-windows."""
         grid, clock = self.setting.grid, self.clock.continued()
-        moved = measure(*self.volumes, correlation_of(self.setting, inner_window, inner_overlap))
+        chain = replace(self.chain, correlation=correlation_of(self.setting, inner_window, inner_overlap))
+        field = chain.velocity(*self.volumes, dt_s=DT_S).isel(time=0)
         clock.lap("correlation")
-        field = velocity_dataset(moved, grid, DT_S).isel(time=0)
         half = 0.5 * np.array(self.setting.windows[-1]) * grid.voxel_mm
         return Measured(field, self.particles, grid.voxel_mm, half, self.seen(field, half), self.candidates, clock)
 
@@ -145,35 +142,24 @@ def exact_pair(setting: LightFieldSetting, particles: Frames, clock: Clock) -> l
     return volumes
 
 
-def reconstructed_pair(
-    setting: LightFieldSetting, particles: Frames, seed: int, clock: Clock
-) -> tuple[list[SparseVolume], float]:
-    """Simulated and reconstructed as a run does, planes near focus weighed down; and the share of candidates. The
-    lattice is known: calibration from a white image is left out."""
-    camera, settings = camera_of(setting), ReconstructionSettings()
-    where = layout(camera)
-    projector = Projector(where, setting.grid, settings.weights)
-    rng = np.random.default_rng(seed + 1)
-    frames: list[Reconstruction] = []
+def exact_volumes(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Reconstructed:
+    """The same particles with exact volumes in place of reconstructed ones: what windows find at all."""
+    clock, particles, camera = Clock(), seeded(setting, flow, seed), camera_of(setting)
+    chain = Chain((camera,), setting.grid, ReconstructionSettings(focus_reach=0.0))  # no plane near focus is weaker
+    a, b = exact_pair(setting, particles, clock)
+    return Reconstructed(setting, chain, seen_by(camera), particles, (a, b), a.occupancy, clock)
+
+
+def reconstruct_light_field(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Reconstructed:
+    """Simulate and reconstruct as a run does. The lattice is known: calibration from a white image is left out."""
+    clock, particles, camera = Clock(), seeded(setting, flow, seed), camera_of(setting)
+    chain, rng = Chain((camera,), setting.grid, counts_per_electron=NOISE.gain), np.random.default_rng(seed + 1)
+    frames = list[Reconstruction]()
     for number, now in enumerate(particles):
         light = particle_image(camera, now, rays=setting.rays, seed=2 * seed + number, diffraction_nm=WAVELENGTH_NM)
         counts = digitise(light + Seeding.background_electrons, camera.sensor, NOISE, rng)
         clock.lap("simulation")
-        frames.append(reconstruct(decode(counts, where), projector, settings, counts_per_electron=NOISE.gain))
+        frames.append(chain.reconstruct([counts]))
         clock.lap("reconstruction")
-    weight = focus_weight(camera, setting.grid.axes()[2], settings.focus_reach)
-    return [frame.volume.with_planes_scaled(weight) for frame in frames], frames[0].candidates
-
-
-def exact_volumes(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Reconstructed:
-    """The same particles with exact volumes in place of reconstructed ones: what windows find at all."""
-    clock, particles = Clock(), seeded(setting, flow, seed)
-    volumes = exact_pair(setting, particles, clock)
-    return Reconstructed(setting, seen_by(camera_of(setting)), particles, volumes, volumes[0].occupancy, clock)
-
-
-def reconstruct_light_field(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Reconstructed:
-    """Simulate and reconstruct."""
-    clock, particles = Clock(), seeded(setting, flow, seed)
-    volumes, candidates = reconstructed_pair(setting, particles, seed, clock)
-    return Reconstructed(setting, seen_by(camera_of(setting)), particles, volumes, candidates, clock)
+    a, b = (frame.volume for frame in frames)
+    return Reconstructed(setting, chain, seen_by(camera), particles, (a, b), frames[0].candidates, clock)

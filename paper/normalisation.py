@@ -20,13 +20,14 @@ import matplotlib
 matplotlib.use("Agg")
 
 import numpy as np
+import xarray as xr
 from matplotlib import pyplot as plt
 from numpy.typing import NDArray
 
 from plenopiv.accuracy.volumes import exact_volume, reconstruction_quality
 from plenopiv.cameras.presets import preset
 from plenopiv.design.advice import suggested
-from plenopiv.design.twin import Pair, reconstructed_pair
+from plenopiv.design.twin import DT_S, Pair, reconstructed_pair
 from plenopiv.reconstruction.focus import focus_weight
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.volume import SparseVolume
@@ -97,6 +98,13 @@ def quality(pair: Pair, weight: NDArray[np.float32]) -> float:
     return reconstruction_quality(pair.frames[0].volume.with_planes_scaled(weight), exact)
 
 
+def displaced(pair: Pair, weight: Array) -> xr.Dataset:
+    """The velocity field of a pair, planes multiplied by ``weight`` (nz,) alone."""
+    unweighted = replace(pair.chain, reconstruction=replace(pair.chain.reconstruction, focus_reach=0.0))
+    a, b = (frame.volume.with_planes_scaled(weight) for frame in pair.frames)
+    return unweighted.velocity(a, b, DT_S)
+
+
 def measured(depth_mm: tuple[float, float], vectors: int) -> dict[str, Any]:
     """All numbers."""
     camera = preset("pmr14")
@@ -113,7 +121,7 @@ def measured(depth_mm: tuple[float, float], vectors: int) -> dict[str, Any]:
         "weights": {},
     }
     for name, weight in weights(pair).items():
-        field = pair.displaced(weight)
+        field = displaced(pair, weight)
         planes = pair.by_plane(field)
         found["weights"][name] = {
             "weight": weight,

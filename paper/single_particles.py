@@ -31,7 +31,7 @@ from small_camera import ACROSS, CAMERA, LAYOUT, LIGHT, VOXEL_MM, Found, Method,
 
 from plenopiv.accuracy import exact_volume, intensity_centre_mm, reconstruction_quality
 from plenopiv.lightfield import LightField, decode
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.candidates import CROWDED, faintest_share, lit_threshold
 from plenopiv.reconstruction.noise import Noise, dark_noise
 from plenopiv.reconstruction.reconstruct import THIN
@@ -99,7 +99,12 @@ def faintest_of(method: str, lightfield: LightField, light: float) -> float:
 
 
 def rows_of(
-    series: str, methods: tuple[str, ...], at_mm: NDArray, lightfield: LightField, projector: Projector, **options
+    series: str,
+    methods: tuple[str, ...],
+    at_mm: NDArray,
+    lightfield: LightField,
+    projector: PlenopticProjector,
+    **options,
 ) -> Iterator[Row]:
     """A particle by each method, from an image without noise."""
     lit = lightfield.values > LIT
@@ -110,7 +115,7 @@ def rows_of(
         yield row(series, method, at_mm, found) | seen
 
 
-def noisy_rows(at_mm: NDArray, projector: Projector, seed: int, rays: int) -> Iterator[Row]:
+def noisy_rows(at_mm: NDArray, projector: PlenopticProjector, seed: int, rays: int) -> Iterator[Row]:
     """A particle by each method from an image with noise; both are told the noise that the image shows."""
     mean = particle_image(CAMERA, Particles(at_mm[None], np.float64(LIGHT)), rays=rays) + STRAY
     lightfield = decode(digitise(mean, CAMERA.sensor, NOISE, np.random.default_rng(seed)), LAYOUT)
@@ -124,8 +129,8 @@ def noisy_rows(at_mm: NDArray, projector: Projector, seed: int, rays: int) -> It
 
 def measure(across: int, narrow: int, depths: tuple[int, ...], count: int, rays: int) -> list[Row]:
     """All series at planes ``depths``; ``across`` and ``narrow`` voxels wide, ``count`` places over a microlens."""
-    whole, near = Projector(LAYOUT, grid(across)), Projector(LAYOUT, grid(narrow))
-    areas, nine = (Projector(LAYOUT, grid(narrow), weights) for weights in ("polygons", "9-rays"))
+    whole, near = PlenopticProjector(LAYOUT, grid(across)), PlenopticProjector(LAYOUT, grid(narrow))
+    areas, nine = (PlenopticProjector(LAYOUT, grid(narrow), weights) for weights in ("polygons", "9-rays"))
     three, rows = ("mart", "bound", "product"), list[Row]()
     for depth in depths:
         at = np.array([0.0, 0.0, depth * VOXEL_MM[2]])

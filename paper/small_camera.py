@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from plenopiv.cameras.presets import preset
 from plenopiv.lightfield import LightField, decode, layout
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.candidates import dark_to_light, most_light
 from plenopiv.reconstruction.mart import mart
 from plenopiv.reconstruction.noise import Noise
@@ -59,7 +59,7 @@ def noise_free(position_mm: ArrayLike, rays: int) -> LightField:
 
 def reconstructed(
     lightfield: LightField,
-    projector: Projector,
+    projector: PlenopticProjector,
     method: Method,
     *,
     faintest: float,
@@ -76,11 +76,11 @@ def reconstructed(
     noise = noise or Noise(0.0)
     begin = time.perf_counter()
     if method == "mart":
-        volume = projector.seen_voxels()
+        volume = projector.visible_voxels()
     elif method == "product":
-        volume = projector.voxels_within(dark_to_light(lightfield, lit), 1.0)
+        volume = projector.candidates(dark_to_light(lightfield, lit), 1.0)
     else:
-        volume = projector.voxels_within(most_light(lightfield, noise), faintest)
+        volume = projector.candidates(most_light(lightfield, noise), faintest)
     started = volume.column.size
     volume.values[:] = float(lightfield.values.sum(dtype=np.float64)) / max(started, 1)
     floor = max(noise.dark, SMALLEST_FLOOR)

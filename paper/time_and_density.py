@@ -20,7 +20,7 @@ from small_camera import ACROSS, CAMERA, ELECTRONS, LAYOUT, LIGHT, Found, grid, 
 
 from plenopiv.accuracy import exact_volume, reconstruction_quality
 from plenopiv.lightfield import LightField, decode
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.candidates import faintest_share, lit_threshold, typical_particle
 from plenopiv.reconstruction.noise import Noise, dark_noise
 from plenopiv.reconstruction.reconstruct import THIN
@@ -47,7 +47,7 @@ def scene(voxels: VoxelGrid, ppm: float) -> tuple[Particles, LightField]:
     return particles, decode(digitise(mean, CAMERA.sensor, NOISE, rng), LAYOUT)
 
 
-def found_by(lightfield: LightField, projector: Projector, method: str, thin: float) -> Found:
+def found_by(lightfield: LightField, projector: PlenopticProjector, method: str, thin: float) -> Found:
     """One reconstruction with the thresholds that a run would take from the image."""
     noise = Noise(dark_noise(lightfield), NOISE.gain)
     lit = lit_threshold(lightfield, noise)
@@ -59,7 +59,7 @@ def found_by(lightfield: LightField, projector: Projector, method: str, thin: fl
 
 def measure(across: int, densities: tuple[float, ...]) -> list[Row]:
     """Seconds, Q and voxels started from, of every method at every density, with and without thinning."""
-    projector, small = (Projector(LAYOUT, grid(n)) for n in (across, 41))
+    projector, small = (PlenopticProjector(LAYOUT, grid(n)) for n in (across, 41))
     rows: list[Row] = []
     for method in METHODS:
         found_by(scene(small.grid, densities[0])[1], small, method, THIN)  # compiles

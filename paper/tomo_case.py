@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from plenopiv.calibration.pinhole_fit import calibrate_pinhole
 from plenopiv.cameras.pinhole import PinholeCamera, looking_at
 from plenopiv.cameras.presets import BIT_DEPTH, BLACK_LEVEL, PIXEL_PITCH_MM
+from plenopiv.chain import Chain
 from plenopiv.design.twin import NOISE
-from plenopiv.projection.pinhole.projector import PinholeProjector
 from plenopiv.reconstruction.reconstruct import Reconstruction
-from plenopiv.reconstruction.settings import TomographySettings
-from plenopiv.reconstruction.tomography import reconstruct_tomography
+from plenopiv.reconstruction.settings import TOMOGRAPHY
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.board import board_image
 from plenopiv.simulation.flows import Velocity, advect
@@ -113,14 +112,13 @@ def reconstruct_tomo(
     clock.lap("simulation")
     cameras = calibrated(true_cameras, setting, rng)
     clock.lap("calibration")
-    projector = PinholeProjector(cameras, setting.grid)
-    frames: list[Reconstruction] = []
+    chain, frames = Chain(tuple(cameras), setting.grid, TOMOGRAPHY), list[Reconstruction]()
     for now in (a, b):
         light = [pinhole_image(camera, now, diameter_px=setting.diameter_px) for camera in true_cameras]
         stray = Seeding.background_electrons
         counts = [digitise(i + stray, c.sensor, NOISE, rng) for i, c in zip(light, true_cameras, strict=True)]
         clock.lap("simulation")
-        frames.append(reconstruct_tomography(counts, projector, TomographySettings()))
+        frames.append(chain.reconstruct(counts))
         clock.lap("reconstruction")
-    volumes = [frame.volume for frame in frames]
-    return Reconstructed(setting, partial(windows_seen, true_cameras), (a, b), volumes, frames[0].candidates, clock)
+    seen, candidates = partial(windows_seen, true_cameras), frames[0].candidates
+    return Reconstructed(setting, chain, seen, (a, b), (frames[0].volume, frames[1].volume), candidates, clock)

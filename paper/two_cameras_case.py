@@ -13,13 +13,9 @@ from numpy.typing import NDArray
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.pose import FRONT, SIDE
 from plenopiv.cameras.presets import preset
+from plenopiv.chain import Chain
 from plenopiv.design.twin import NOISE, WAVELENGTH_NM, mounted, seeing
-from plenopiv.lightfield import LightField, decode, layout
-from plenopiv.projection.plenoptic.projector import Projector
-from plenopiv.projection.several_cameras import CamerasAround
-from plenopiv.reconstruction.around import reconstruct_around
 from plenopiv.reconstruction.reconstruct import Reconstruction
-from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.sensor_noise import digitise
 from plenopiv.simulation.simulated_recording import Seeding
@@ -57,18 +53,13 @@ def images_of(
 
 def reconstruct_by_two(setting: TwoCamerasSetting, particles: Frames, seed: int = 0) -> Reconstructed:
     """Simulate and reconstruct. The lattices and where the cameras stand are known."""
-    clock, cameras, settings = Clock(), cameras_of(setting), ReconstructionSettings(focus_reach=0.0)
-    layouts = [layout(camera) for camera in cameras]
-    projectors = [
-        Projector(where, m.grid(setting.grid), settings.weights) for where, m in zip(layouts, POSES, strict=True)
-    ]
-    around, rng = CamerasAround(setting.grid, projectors, POSES), np.random.default_rng(seed + 1)
-    frames: list[Reconstruction] = []
+    clock, cameras = Clock(), cameras_of(setting)
+    chain = Chain(tuple(cameras), setting.grid, counts_per_electron=NOISE.gain, poses=POSES)
+    frames, rng = list[Reconstruction](), np.random.default_rng(seed + 1)
     for number in range(2):
         counts = images_of(cameras, particles, number, setting.rays, seed, rng)
         clock.lap("simulation")
-        fields: list[LightField] = [decode(image, where) for image, where in zip(counts, layouts, strict=True)]
-        frames.append(reconstruct_around(fields, around, settings, counts_per_electron=NOISE.gain))
+        frames.append(chain.reconstruct(counts))
         clock.lap("reconstruction")
-    volumes = [frame.volume for frame in frames]
-    return Reconstructed(setting, partial(both_see, cameras), particles, volumes, frames[0].candidates, clock)
+    a, b = (frame.volume for frame in frames)
+    return Reconstructed(setting, chain, partial(both_see, cameras), particles, (a, b), frames[0].candidates, clock)

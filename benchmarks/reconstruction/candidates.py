@@ -19,7 +19,7 @@ from conditions import CONDITIONS
 
 from plenopiv.experiment import Experiment
 from plenopiv.lightfield import decode, layout
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.candidates import (
     dark_to_light,
     lit_threshold,
@@ -27,7 +27,7 @@ from plenopiv.reconstruction.candidates import (
     typical_particle,
 )
 from plenopiv.reconstruction.noise import Noise, counts_per_electron, dark_noise
-from plenopiv.run.frames import calibrated_camera
+from plenopiv.run.calibrated import calibrated_camera
 from plenopiv.volume import SparseVolume
 
 BEGIN, END = "<!-- candidates: begin -->", "<!-- candidates: end -->"
@@ -64,16 +64,16 @@ def table(name: str, folder: Path) -> str:
     recording = experiment.recording()
     camera, _ = calibrated_camera(experiment, recording)
     where = layout(camera)
-    projector = Projector(where, experiment.grid(), "exact")
+    projector = PlenopticProjector(where, experiment.grid(), "exact")
     frame, white = decode(recording.frame(0), where), decode(recording.white(), where)
     noise = Noise(dark_noise(frame), counts_per_electron(white))
     typical = typical_particle(frame, projector, noise)
     particles = np.load(folder / "truth_particles.npz")["a"]
     rules = {
-        f"bound, {share:g} of the typical": projector.voxels_within(most_light(frame, noise), share * typical)
+        f"bound, {share:g} of the typical": projector.candidates(most_light(frame, noise), share * typical)
         for share in SHARES
     }
-    rules["product"] = projector.voxels_within(dark_to_light(frame, lit_threshold(frame, noise)), 1.0)
+    rules["product"] = projector.candidates(dark_to_light(frame, lit_threshold(frame, noise)), 1.0)
     measured = {rule: rates(volume, particles) for rule, volume in rules.items()}
     bands = [f"{lo:g}-{hi:g}" for lo, hi in pairwise(EDGES)][: len(next(iter(measured.values())))]
     lines = [

@@ -25,16 +25,15 @@ from table import into_page, page, summary
 from variants import candidates, dark_noise, first_guess, lit_threshold, residual, uniform_start
 
 from plenopiv.accuracy import exact_volume, intensity_centre_mm, reconstruction_quality
-from plenopiv.displacement.multigrid import measure
+from plenopiv.chain import Chain
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.lightfield import LightField, decode
-from plenopiv.projection.plenoptic.projector import Projector
-from plenopiv.reconstruction.focus import focus_weight
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
+from plenopiv.reconstruction.reconstruct import SMALLEST_FLOOR
 from plenopiv.volume import SparseVolume
 
 HERE = Path(__file__).parent
 DOCS = HERE.parents[1] / "docs"
-SMALLEST_FLOOR, FOCUS_REACH = 0.5, 1.5
 OFF_FOCUS_MM = 1.2  # windows and particles further than this from focus are judged apart: four dead zones
 DECODED = {"raw": decode, "resampled": resampled, "raw where resampled": raw_where_resampled}
 CENTRE_REACH_VOXELS = (5.0, 5.0, 4.0)
@@ -53,8 +52,8 @@ def light_field(condition: Condition, frame: int, pixels: str) -> LightField:
 
 
 @cache
-def projector_of(condition: Condition, pixels: str, weights: str) -> Projector:
-    return Projector(light_field(condition, 0, pixels).layout, condition.grid, weights)
+def projector_of(condition: Condition, pixels: str, weights: str) -> PlenopticProjector:
+    return PlenopticProjector(light_field(condition, 0, pixels).layout, condition.grid, weights)
 
 
 @cache
@@ -98,9 +97,8 @@ def volumes(case: Case, condition: Condition, frame: int) -> Iterator[tuple[int,
 
 def displacement_errors(condition: Condition, a: SparseVolume, b: SparseVolume) -> tuple[np.ndarray, np.ndarray, float]:
     """Errors in voxels (window, 3) before outliers are replaced, |z| of the windows in mm, share replaced."""
-    weight = focus_weight(condition.camera, condition.grid.axes()[2], FOCUS_REACH)
-    first, second = (v.with_planes_scaled(weight) for v in (a, b))
-    field = measure(first, second, CorrelationSettings(WINDOWS, inner_window=WINDOWS[-1], fine_passes=3))
+    correlation = CorrelationSettings(WINDOWS, inner_window=WINDOWS[-1], fine_passes=3)
+    field = Chain((condition.camera,), condition.grid, correlation=correlation).displacement(a, b)
     error = np.moveaxis(field.displacement, 0, -1) - SHIFT_VOXELS
     z = np.abs(condition.grid.first_mm[2] + field.z * condition.grid.voxel_mm[2])
     z = np.broadcast_to(z[:, None, None], error.shape[:3])

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from scipy import sparse
 from variants import Array, Order, of_round, random_order
 
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.volume import SparseVolume
 
 APART = 3  # a voxel lights no two microlenses of a view that are so many apart along a row, or across rows
 
 
 def shares(
-    projector: Projector, volume: SparseVolume, views: NDArray[np.int64] | None = None
+    projector: PlenopticProjector, volume: SparseVolume, views: NDArray[np.int64] | None = None
 ) -> list[sparse.csc_array]:
     """For every view, or each of ``views``, the matrix (voxel, lens) of the share of its pixel that a voxel lights.
 
@@ -48,7 +48,7 @@ def shares(
     return matrices
 
 
-def light_of_a_pixel(projector: Projector, volume: SparseVolume) -> Array:
+def light_of_a_pixel(projector: PlenopticProjector, volume: SparseVolume) -> Array:
     """For each listed voxel the share of its light that a wholly lit pixel collects, (portion/(1 - A))^2 / aperture's
     area."""
     camera, (nz, ny, _) = projector.layout.camera, projector.grid.shape
@@ -72,7 +72,7 @@ def correct_pixels(pixels, start, voxel, share, light, measured, floor, mu, valu
 
 def pixel_sequential(
     values: Array,
-    projector: Projector,
+    projector: PlenopticProjector,
     volume: SparseVolume,
     *,
     relaxation: tuple[float, ...] = (0.3,),

@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.lightfield import LightField
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.thinning import keeping
 from plenopiv.volume import SparseVolume
 
 Array = NDArray[np.float32]
-Order = Callable[[Projector, int], NDArray[np.int64]]  # of the views in round k
+Order = Callable[[PlenopticProjector, int], NDArray[np.int64]]  # of the views in round k
 Form = Literal["sums", "powers"]
 
 
@@ -38,22 +38,22 @@ def random_order(seed: int = 0) -> Order:
     return lambda projector, _: rng.permutation(projector.views)
 
 
-def one_random_order(projector: Projector, _: int) -> NDArray[np.int64]:
+def one_random_order(projector: PlenopticProjector, _: int) -> NDArray[np.int64]:
     """The same random order in all rounds."""
     return np.random.default_rng(0).permutation(projector.views)
 
 
-def raster_order(projector: Projector, _: int) -> NDArray[np.int64]:
+def raster_order(projector: PlenopticProjector, _: int) -> NDArray[np.int64]:
     """Row by row over the aperture: neighbours follow each other."""
     return np.arange(projector.views)
 
 
-def rim_first(projector: Projector, _: int) -> NDArray[np.int64]:
+def rim_first(projector: PlenopticProjector, _: int) -> NDArray[np.int64]:
     """From the rim of the aperture inwards."""
     return np.argsort(-np.hypot(*projector.layout.offsets.T), kind="stable")
 
 
-def golden_order(projector: Projector, k: int) -> NDArray[np.int64]:
+def golden_order(projector: PlenopticProjector, k: int) -> NDArray[np.int64]:
     """Raster order in steps of the golden section of all views: successive views lie far apart."""
     n = projector.views
     step = next(s for s in count(round(n * (5**0.5 - 1) / 2)) if np.gcd(s, n) == 1)
@@ -72,7 +72,7 @@ def of_round(relaxation: tuple[float, ...], k: int) -> float:
 
 
 def ratios(
-    view: int | NDArray[np.int64], values: Array, projector: Projector, volume: SparseVolume, floor: float
+    view: int | NDArray[np.int64], values: Array, projector: PlenopticProjector, volume: SparseVolume, floor: float
 ) -> Array:
     """Measured over projected light of one view, (lens,), or of several."""
     f = np.float32(floor)
@@ -81,7 +81,7 @@ def ratios(
 
 def view_sequential(
     values: Array,
-    projector: Projector,
+    projector: PlenopticProjector,
     volume: SparseVolume,
     *,
     relaxation: tuple[float, ...] = (0.3,),
@@ -108,7 +108,7 @@ def view_sequential(
 
 def simultaneous(
     values: Array,
-    projector: Projector,
+    projector: PlenopticProjector,
     volume: SparseVolume,
     *,
     relaxation: tuple[float, ...] = (1.0,),
@@ -140,7 +140,7 @@ def lit_threshold(field: LightField) -> float:
     return max(3.0 * dark_noise(field), 0.03 * bright, 1.0)
 
 
-def candidates(values: Array, projector: Projector, threshold: float, tolerance_px: float) -> SparseVolume:
+def candidates(values: Array, projector: PlenopticProjector, threshold: float, tolerance_px: float) -> SparseVolume:
     """The voxels of whose light no more than ``tolerance_px`` pixels' worth falls on pixels of ``threshold`` counts or
     less: the rule of docs/decisions/0005, the same for all variants."""
     volume = projector.every_voxel()
@@ -152,13 +152,13 @@ def candidates(values: Array, projector: Projector, threshold: float, tolerance_
     return volume
 
 
-def uniform_start(values: Array, _: Projector, listed: SparseVolume) -> SparseVolume:
+def uniform_start(values: Array, _: PlenopticProjector, listed: SparseVolume) -> SparseVolume:
     """All light shared evenly among the listed voxels."""
     return listed.with_values(np.full(listed.values.size, total_light(values) / listed.values.size, np.float32))
 
 
 def first_guess(
-    values: Array, projector: Projector, listed: SparseVolume, floor: float, mean: str, power: float = 1.0
+    values: Array, projector: PlenopticProjector, listed: SparseVolume, floor: float, mean: str, power: float = 1.0
 ) -> SparseVolume:
     """What the views have in common at a voxel, raised to ``power``; in all as much light as was measured.
 
@@ -188,7 +188,7 @@ def total_light(values: Array) -> float:
     return max(float(values.sum(dtype=np.float64)), 1.0)
 
 
-def residual(values: Array, projector: Projector, volume: SparseVolume) -> float:
+def residual(values: Array, projector: PlenopticProjector, volume: SparseVolume) -> float:
     """RMS in counts of what the volume leaves unexplained in the seen pixels."""
     seen, squares = projector.layout.seen, 0.0
     for view in range(projector.views):

@@ -29,7 +29,7 @@ from plenopiv.displacement.multigrid import correlation_pass
 from plenopiv.displacement.predictor import fit_spline
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.windows import window_grid
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.candidates import most_light
 from plenopiv.reconstruction.noise import Noise, dark_noise
 from plenopiv.reconstruction.reconstruct import reconstruct
@@ -105,7 +105,8 @@ class StoredPairs:
 
     def __init__(self, volume: SparseVolume, views: np.ndarray) -> None:
         self.views = [
-            m.tocsr() for m in shares(Projector(SCENE.lightfield.layout, SCENE.grid, "polygons"), volume, views)
+            m.tocsr()
+            for m in shares(PlenopticProjector(SCENE.lightfield.layout, SCENE.grid, "polygons"), volume, views)
         ]  # type: ignore[call-arg]
         self.pairs = sum(m.nnz for m in self.views)
         self.images = np.zeros((numba.get_num_threads(), SCENE.projector.layout.lenses), np.float32)
@@ -151,9 +152,9 @@ def ray_tracing(pairs_a_voxel: float) -> dict:
     """DRT on the scene's frame, and a gather of as many pixels."""
     lightfield, projector = SCENE.lightfield, SCENE.projector
     noise = Noise(dark_noise(lightfield), 0.5)
-    found = reconstruct(lightfield, projector, ReconstructionSettings(iterations=1))
+    found = reconstruct(lightfield.values, projector, ReconstructionSettings(iterations=1))
     bound, light = most_light(lightfield, noise), found.threshold / projector.light_in_focus
-    seconds = best(lambda: projector.voxels_within(bound, light), 2)
+    seconds = best(lambda: projector.candidates(bound, light), 2)
     places = np.sort(np.random.default_rng(2).integers(0, projector.layout.lenses, 1 << 22)).astype(np.int32)
     pairs = pairs_a_voxel * SCENE.grid.size * projector.views
     passes = 32
@@ -164,7 +165,7 @@ def ray_tracing(pairs_a_voxel: float) -> dict:
 def correlation() -> dict:
     """A pass with deformation on two reconstructions of the scene, and the bare transforms of its windows."""
     volumes = [
-        reconstruct(SCENE.lightfield, SCENE.projector, ReconstructionSettings(iterations=2, seed=s)).volume
+        reconstruct(SCENE.lightfield.values, SCENE.projector, ReconstructionSettings(iterations=2, seed=s)).volume
         for s in (0, 1)
     ]
     settings, grid = CorrelationSettings(), window_grid(SCENE.grid.shape, WINDOW, 0.5)

@@ -28,7 +28,7 @@ from scipy import sparse
 
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.cameras.presets import preset
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction import reconstruct as chain
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
@@ -77,8 +77,8 @@ def write_weights(scene: Scene, folder: Path) -> int:
     """Weights as one CSR matrix (view x lens, voxel) of the counts that a voxel of value 1 gives; images; how many
     weights there are, in bytes."""
     where = scene.lightfield.layout
-    projector = Projector(where, scene.grid, "polygons")
-    volume = projector.seen_voxels()
+    projector = PlenopticProjector(where, scene.grid, "polygons")
+    volume = projector.visible_voxels()
     light = light_of_a_pixel(projector, volume)
     data, indices, rows = [], [], [np.zeros(1, np.int64)]
     for view in range(projector.views):

@@ -37,12 +37,12 @@ def measured(scene: Scene, method: str, thin: float) -> dict[str, float]:
     """Seconds, and GB that the process took, for one frame from its light field; the least of several."""
     settings = ReconstructionSettings(method=method, iterations=ROUNDS)  # type: ignore[arg-type]
     chain.THIN = thin
-    reconstruct(WARM_UP.lightfield, WARM_UP.projector, settings)
+    reconstruct(WARM_UP.lightfield.values, WARM_UP.projector, settings)
     lightfield, projector = scene.lightfield, scene.projector
     taken = []
     while len(taken) < REPEATS or sum(taken) < TOGETHER_S:
         begin = time.perf_counter()
-        found = reconstruct(lightfield, projector, settings)
+        found = reconstruct(lightfield.values, projector, settings)
         taken.append(time.perf_counter() - begin)
     return {
         "seconds": min(taken),

@@ -11,7 +11,7 @@ from plenopiv.cameras.coverage import seen_by_every_view_mm
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.presets import preset
 from plenopiv.lightfield import LightField, decode, layout
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import pixels_lit_in_focus, seed_box
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
@@ -75,9 +75,9 @@ class Scene:
         return decode(digitise(mean, camera.sensor, NOISE, rng), layout(camera))
 
     @cached_property
-    def projector(self) -> Projector:
+    def projector(self) -> PlenopticProjector:
         """Exact areas, as a run has them."""
-        return Projector(self.lightfield.layout, self.grid)
+        return PlenopticProjector(self.lightfield.layout, self.grid)
 
 
 LATERAL_MM, DEPTH_MM = 0.077 / 4.5, 0.077  # as runs have them by default: pitch / 4.5, and f_l / 4 M^2

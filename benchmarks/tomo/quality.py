@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,8 @@ from four_cameras import ELECTRONS, Scene
 from matplotlib import pyplot as plt
 
 from plenopiv.accuracy import exact_volume, ghost_light, reconstruction_quality
-from plenopiv.projection.pinhole.projector import PinholeProjector
-from plenopiv.reconstruction.settings import TomographySettings
-from plenopiv.reconstruction.tomography import reconstruct_tomography
+from plenopiv.chain import Chain
+from plenopiv.reconstruction.settings import TOMOGRAPHY, ReconstructionSettings
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -37,9 +37,8 @@ PAPER_SCENE = Scene((486, 324, 270), (640, 480), 0.05)  # 36 x 24 x 20 mm
 SMALL = Scene((96, 96, 24), (128, 128), 0.05)
 
 
-def measured(scene: Scene, settings: TomographySettings) -> dict[str, Any]:
-    projector = PinholeProjector(scene.known_cameras, scene.grid)
-    found = reconstruct_tomography(scene.images(), projector, settings)
+def measured(scene: Scene, settings: ReconstructionSettings) -> dict[str, Any]:
+    found = Chain(tuple(scene.known_cameras), scene.grid, settings).reconstruct(scene.images())
     exact = exact_volume(scene.place_mm, ELECTRONS, scene.grid)
     return {
         "ppp": scene.ppp, "particles": len(scene.place_mm), "voxels": list(scene.shape), "pixels": list(scene.pixels),
@@ -53,7 +52,7 @@ def measured(scene: Scene, settings: TomographySettings) -> dict[str, Any]:
 
 def cases(reduced: bool):
     """(group, what is varied, scene, settings)."""
-    usual = TomographySettings()
+    usual = TOMOGRAPHY
     base = SMALL if reduced else BASE
     for name, scene in ((PLAIN, base), (LABORATORY, base.having(laboratory=True)), (PAPER, PAPER_SCENE)):
         if not (reduced and name == PAPER):
@@ -67,10 +66,10 @@ def cases(reduced: bool):
         yield "choices", f"angles of {angle:g} degrees", base.having(angle_deg=angle, pixels=(576, 576)), usual
     for diameter in (2.0, 2.5, 3.0, 3.5):
         yield "choices", f"images of {diameter:g} px", base.having(diameter_px=diameter), usual
-    for rounds in (1, 2, 3, 10, 20):
-        yield "choices", f"{rounds} rounds", base, TomographySettings(iterations=rounds)
+    for number in (1, 2, 3, 10, 20):
+        yield "choices", f"{number} iterations", base, replace(usual, iterations=number)
     for relaxation in (0.25, 0.5):
-        yield "choices", f"relaxation {relaxation:g}", base, TomographySettings(relaxation=relaxation)
+        yield "choices", f"relaxation {relaxation:g}", base, replace(usual, relaxation=relaxation)
 
 
 def draw(rows: list[dict[str, Any]], file: Path) -> None:

@@ -20,10 +20,10 @@ from scipy import sparse
 
 from plenopiv.accuracy import exact_volume, ghost_light, reconstruction_quality
 from plenopiv.projection.pinhole.projector import PinholeProjector
+from plenopiv.reconstruction.candidates import lit_above
 from plenopiv.reconstruction.noise import Noise
-from plenopiv.reconstruction.reconstruct import SMALLEST_FLOOR
-from plenopiv.reconstruction.settings import TomographySettings
-from plenopiv.reconstruction.tomography import lit_above, reconstruct_tomography
+from plenopiv.reconstruction.reconstruct import SMALLEST_FLOOR, reconstruct
+from plenopiv.reconstruction.settings import TOMOGRAPHY
 
 HERE = Path(__file__).parent
 SCENE = Scene((96, 96, 24), (128, 128), 0.05)
@@ -96,11 +96,11 @@ def main() -> list[dict]:
     for ppp in DENSITIES:
         scene = SCENE.having(ppp=ppp)
         projector = PinholeProjector(scene.known_cameras, scene.grid)
-        images = projector.views_of(scene.images())
+        images = projector.values_of(scene.images())
         exact = exact_volume(scene.place_mm, ELECTRONS, scene.grid)
-        start = projector.lit_in_every_camera(images, lit_above(images, Noise(0.0)))
+        start = projector.candidates(images, lit_above(images, Noise(0.0)))
         voxel = np.flatnonzero(start.with_values(np.ones_like(start.values)).dense().values)
-        volumes = {"shipped": reconstruct_tomography(scene.images(), projector, TomographySettings()).volume}
+        volumes = {"shipped": reconstruct(images, projector, TOMOGRAPHY).volume}
         for weights, weight in (("squares", square), ("spheres in cylinders", sphere_in_cylinder)):
             matrices = [stored(camera, scene.grid, voxel, weight) for camera in scene.known_cameras]
             for steps, method in (("cameras", by_cameras), ("pixels", by_pixels)):

@@ -22,7 +22,7 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 
 if TYPE_CHECKING:
     from plenopiv.experiment import Experiment
-    from plenopiv.run.frames import RunResult
+    from plenopiv.run.series import RunResult
 
 
 def load(path: str) -> Experiment:
@@ -33,7 +33,7 @@ def load(path: str) -> Experiment:
 
 
 def process(experiment: Experiment, **options: Any) -> RunResult:
-    """Run an experiment from raw images to a results folder; see ``plenopiv.run.frames.run``."""
-    from plenopiv.run.frames import run as run_frames
+    """Run an experiment from raw images to a results folder; see ``plenopiv.run.series.run``."""
+    from plenopiv.run.series import run as run_series
 
-    return run_frames(experiment, **options)
+    return run_series(experiment, **options)

@@ -8,7 +8,7 @@ from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.lattice import Lattice
 from plenopiv.lightfield import Layout
 from plenopiv.optics import conjugate_distances
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.sensor import Sensor
 from plenopiv.volume import SparseVolume, VoxelGrid
 
@@ -49,5 +49,5 @@ def single_voxel(point_mm, voxel_mm=VOXEL_MM) -> tuple[VoxelGrid, SparseVolume]:
 def projected_point(where: Layout, point_mm, weights="polygons", voxel_mm=VOXEL_MM, **options) -> np.ndarray:
     """The projector's light (view, lens) of a point at a voxel's centre, float64."""
     grid, volume = single_voxel(point_mm, voxel_mm)
-    projector = Projector(where, grid, weights, **options)
+    projector = PlenopticProjector(where, grid, weights, **options)
     return np.array([projector.forward(view, volume) for view in range(projector.views)], float)

@@ -8,7 +8,7 @@ from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
 from plenopiv.projection.plenoptic.geometry import Plane, planes
-from plenopiv.projection.plenoptic.projector import RULES, Projector
+from plenopiv.projection.plenoptic.projector import RULES, PlenopticProjector
 from plenopiv.volume import VoxelGrid
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -42,7 +42,7 @@ def test_forward_and_back_are_transposes(first):
     for seed in range(first, first + 20):
         rng, camera, grid, rule = random_setting(seed)
         where = layout(camera)
-        projector = Projector(where, grid, rule)
+        projector = PlenopticProjector(where, grid, rule)
         view = int(rng.integers(projector.views))
         x = rng.random(grid.shape).astype(np.float32)
         y = rng.normal(size=where.lenses).astype(np.float32)

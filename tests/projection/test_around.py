@@ -6,13 +6,12 @@ from oracles.cameras import small_camera
 
 from plenopiv.cameras.pose import FRONT, SIDE, Pose
 from plenopiv.errors import PlenoPIVError
-from plenopiv.lightfield import decode, layout
-from plenopiv.projection.plenoptic.projector import Projector
-from plenopiv.projection.several_cameras import CamerasAround, places_of, turned
-from plenopiv.reconstruction import around as reconstruction
-from plenopiv.reconstruction.around import reconstruct_around
-from plenopiv.reconstruction.reconstruct import Left
+from plenopiv.lightfield import layout
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
+from plenopiv.projection.several_cameras import SeveralCameras, places_of, turned
+from plenopiv.reconstruction.reconstruct import reconstruct
 from plenopiv.reconstruction.settings import ReconstructionSettings
+from plenopiv.reconstruction.tiles import cut
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
 from plenopiv.volume import SparseVolume, VoxelGrid
@@ -20,6 +19,7 @@ from plenopiv.volume import SparseVolume, VoxelGrid
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 GRID = VoxelGrid.covering((-0.5, 0.6), (-0.3, 0.3), (-0.6, 0.5), (0.04, 0.03, 0.05))
+MIDDLE = (0.28, 0.105, -0.375)  # of a voxel
 BELOW = Pose((1, 3, -2))  # on the -y side, its y along z
 POSES = (FRONT, SIDE, BELOW)
 
@@ -33,7 +33,7 @@ def listed(share=0.05, seed=0):
 def cameras(microlenses=(40, 40)):
     where = layout(small_camera("hexagonal", microlenses=microlenses))
     poses = (FRONT, SIDE)
-    return CamerasAround(GRID, [Projector(where, pose.grid(GRID)) for pose in poses], poses)
+    return SeveralCameras(GRID, [PlenopticProjector(where, pose.grid(GRID)) for pose in poses], poses)
 
 
 def centres(volume):
@@ -105,23 +105,23 @@ def test_forward_and_back_are_transposes():
 
 def test_voxels_left_by_all():
     around, a, b = cameras(), listed(0.3, 1), listed(0.3, 2)
-    left = around.left_by_all([a, turned(b, SIDE).volume])
+    left = around._in_all([a, turned(b, SIDE).volume])
     np.testing.assert_array_equal(left.dense().values > 0, (a.dense().values > 0) & (b.dense().values > 0))
 
 
 def frame(place_mm, around, light=20_000.0):
-    fields = []
+    images = []
     for projector, pose in zip(around.projectors, around.poses, strict=True):
         where = projector.layout
         image = particle_image(where.camera, Particles(pose.in_camera([place_mm]), np.float64(light)), rays=200_000)
-        fields.append(decode(image + where.camera.sensor.black_level, where))
-    return fields
+        images.append(image + where.camera.sensor.black_level)
+    return images
 
 
 @pytest.mark.parametrize("place", [(0.3, 0.1, -0.4), (-0.3, -0.12, 0.3)])
 def test_a_particle_is_found_where_it_is(place):
     around = cameras()
-    found = reconstruct_around(frame(place, around), around, ReconstructionSettings())
+    found = reconstruct(around.values_of(frame(place, around)), around, ReconstructionSettings())
     volume = found.volume
     centre = (centres(volume) * volume.values[:, None]).sum(0) / volume.values.sum()
     assert (np.abs(centre - place) < 0.6 * np.array(GRID.voxel_mm)).all()  # lone light may gather in one voxel
@@ -129,23 +129,47 @@ def test_a_particle_is_found_where_it_is(place):
 
 def test_a_voxel_gets_its_light_back_once_not_once_for_each_camera():
     around = cameras()
-    found = reconstruct_around(frame((0.28, 0.105, -0.375), around), around, ReconstructionSettings())  # its middle
+    found = reconstruct(
+        around.values_of(frame((0.28, 0.105, -0.375), around)), around, ReconstructionSettings()
+    )  # its middle
     assert found.volume.values.sum() == pytest.approx(20_000.0, rel=0.1)
 
 
-def test_frames_that_do_not_belong_together(monkeypatch):
+def test_frames_that_do_not_belong_together():
     around = cameras()
-    fields, mask = frame((0.3, 0.25, -0.4), around), np.zeros(GRID.shape, bool)
-    mask[:, :, 3] = True
-    apart = iter([SparseVolume.from_mask(GRID, mask), turned(SparseVolume.from_mask(GRID, ~mask), SIDE).volume])
-    monkeypatch.setattr(reconstruction, "left_by_tracing", lambda *_: Left(next(apart), 1.0, 1.0))
-    with pytest.raises(PlenoPIVError, match=r"^frame 7: no voxel is left by all cameras; check how they are mounted"):
-        reconstruct_around(fields, around, ReconstructionSettings(), name="frame 7")
-    with pytest.raises(PlenoPIVError, match=r"^frame 7: 1 light fields for 2 cameras"):
-        reconstruct_around(fields[:1], around, ReconstructionSettings(), name="frame 7")
+    together = around.values_of(frame((0.3, 0.25, -0.4), around))
+    assert reconstruct(together, around, ReconstructionSettings(threshold=200.0)).volume.column.size > 0
+    front, _ = frame((0.3, 0.25, -0.4), around)
+    _, side = frame((0.3, -0.25, -0.4), around)  # a particle at another height
+    message = r"^frame 7: no voxel is a candidate of all cameras; check how they are mounted"
+    with pytest.raises(PlenoPIVError, match=message):
+        reconstruct(around.values_of([front, side]), around, ReconstructionSettings(threshold=200.0), name="frame 7")
+    with pytest.raises(PlenoPIVError, match=r"^1 images for 2 cameras; give one of each camera"):
+        around.values_of([front])
+
+
+def test_tiles_of_two_cameras_are_the_whole():
+    around = cameras()
+    values = around.values_of(frame(MIDDLE, around))
+    whole = reconstruct(values, around, ReconstructionSettings()).volume
+    tiles = cut(GRID.shape[1], 2, 4)  # the particle's light crosses few rows
+    found = reconstruct(values, around, ReconstructionSettings(), tiles=tiles).volume
+    assert found.grid == GRID
+    assert found.values.sum() == pytest.approx(whole.values.sum(), rel=0.05)
+    at = [(centres(v) * v.values[:, None]).sum(0) / v.values.sum() for v in (whole, found)]
+    assert (np.abs(at[1] - at[0]) < 0.3 * np.array(GRID.voxel_mm)).all()
+
+
+def test_tiles_need_rows_that_are_rows_to_each_camera():
+    where = layout(small_camera("square", microlenses=(40, 40)))
+    poses = (FRONT, BELOW)
+    around = SeveralCameras(GRID, [PlenopticProjector(where, pose.grid(GRID)) for pose in poses], poses)
+    with pytest.raises(PlenoPIVError, match="camera 2: its y is not the volume's"):
+        around.tile(0, 5)
+    assert around.tile(0, GRID.shape[1]) is around
 
 
 def test_a_projector_of_other_voxels():
     where = layout(small_camera("square"))
     with pytest.raises(PlenoPIVError, match="camera 2: its voxels are not the volume's"):
-        CamerasAround(GRID, [Projector(where, GRID)] * 2, (FRONT, SIDE))
+        SeveralCameras(GRID, [PlenopticProjector(where, GRID)] * 2, (FRONT, SIDE))

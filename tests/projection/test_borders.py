@@ -8,7 +8,7 @@ from oracles.naive_projection import exact_light
 from plenopiv.lattice import Lattice
 from plenopiv.lightfield import layout
 from plenopiv.projection.plenoptic.candidates.in_focus import borders_coincide, nearest
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.volume import VoxelGrid
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -36,7 +36,7 @@ def lens_of(where, x, y):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_dark_image_leaves_nothing_in_focus(kind):
     where, grid = layout_of(kind), grid_of()
-    kept = Projector(where, grid).voxels_within(np.zeros(where.seen.shape, np.float32), PARTICLE)
+    kept = PlenopticProjector(where, grid).candidates(np.zeros(where.seen.shape, np.float32), PARTICLE)
     assert kept.column.size == 0
     x, y, _ = grid.axes()
     half = 0.5 * VOXEL_MM[0]
@@ -52,7 +52,7 @@ def test_one_bright_microlens_keeps_the_voxels_that_touch_it(kind):
     lit = int(lens_of(where, np.float64(0.03), np.float64(0.025)))
     bound = np.zeros(where.seen.shape, np.float32)
     bound[:, lit] = np.inf
-    kept = Projector(where, grid).voxels_within(bound, PARTICLE).dense().values[1] > 0
+    kept = PlenopticProjector(where, grid).candidates(bound, PARTICLE).dense().values[1] > 0
     steps = np.linspace(-0.4, 0.4, 9) * VOXEL_MM[0]  # by more than float32 leaves open
     touches = np.any([lens_of(where, *np.meshgrid(x + a, y + b)) == lit for a in steps for b in steps], axis=0)
     assert touches.any()
@@ -67,7 +67,7 @@ def test_one_bright_microlens_keeps_the_voxels_that_touch_it(kind):
 def test_a_particle_anywhere_in_such_a_voxel_keeps_it(kind):
     """Its own noise-free light as the bound, wherever it is within the voxel along x, y and z."""
     where, grid, rng = layout_of(kind), grid_of(), np.random.default_rng(2)
-    projector, (x, y, z) = Projector(where, grid), grid.axes()
+    projector, (x, y, z) = PlenopticProjector(where, grid), grid.axes()
     tried = 0
     while tried < 12:
         k, row, column = 1, *rng.integers(2, 19, 2)
@@ -78,7 +78,7 @@ def test_a_particle_anywhere_in_such_a_voxel_keeps_it(kind):
             continue
         tried += 1
         bound = (1.01 * PARTICLE * exact_light(where, place)).astype(np.float32)
-        kept = projector.voxels_within(bound, PARTICLE).dense().values > 0
+        kept = projector.candidates(bound, PARTICLE).dense().values > 0
         assert kept[k, row, column], place
 
 

@@ -6,9 +6,9 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.plenoptic.plane_maps.kernels import room_of
+from plenopiv.projection.plenoptic.plane_maps.kernels import workspace_of
 from plenopiv.projection.plenoptic.plane_maps.maps import ACROSS
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 GRID = VoxelGrid.covering((-0.41, 0.39), (-0.3, 0.33), (-2.1, 2.0), (0.0385, 0.0385, 0.0385 * 4))
@@ -27,7 +27,7 @@ def setting(name, rule, share=0.03, seed=0):
     rng = np.random.default_rng(seed)
     volume = SparseVolume.from_mask(GRID, rng.random(GRID.shape) < share)
     volume = volume.with_values(rng.random(volume.column.size).astype(np.float32) * 1000)
-    return where, Projector(where, GRID, rule), volume
+    return where, PlenopticProjector(where, GRID, rule), volume
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def test_maps_are_polygons(name, across, limit, lost, threads):
     microlens, 3 % of them lit."""
     threads(1)
     where, polygons, volume = setting(name, "polygons")
-    mapped = Projector(where, GRID, "exact", across)
+    mapped = PlenopticProjector(where, GRID, "exact", across)
     views = range(0, polygons.views, 3)
     one = np.array([polygons.forward(v, volume) for v in views])
     other = np.array([mapped.forward(v, volume) for v in views])
@@ -62,12 +62,12 @@ def test_strips_change_nothing_but_rounding(strip, threads, monkeypatch):
     threads(1)
     fine = VoxelGrid.covering((-0.2, 0.2), (-0.3, 0.3), (-9.0, 9.0), (0.01, 0.01, 1.8))
     where = layout(small_camera("hexagonal", pmr=8, rotation_rad=0.01))
-    whole = Projector(where, fine, "exact")
-    shape = whole.mapped.maps.shape
+    whole = PlenopticProjector(where, fine, "exact")
+    shape = whole.images.maps.shape
     assert shape[:, 4].max() > 1
     assert shape[:, 5].max() > 0
-    cut = Projector(where, fine, "exact")
-    cut.mapped.room = room_of(shape, strip)
+    cut = PlenopticProjector(where, fine, "exact")
+    cut.images.workspace = workspace_of(shape, strip)
     rng = np.random.default_rng(4)
     volume = SparseVolume.from_mask(fine, rng.random(fine.shape) < 0.05)
     volume = volume.with_values(rng.random(volume.column.size).astype(np.float32))
@@ -84,7 +84,7 @@ def test_results_do_not_depend_on_threads(name, threads):
     if numba.config.NUMBA_NUM_THREADS < 2:
         pytest.skip("one thread only")
     where, projector, volume = setting(name, "exact")
-    polygons = Projector(where, GRID, "polygons")
+    polygons = PlenopticProjector(where, GRID, "polygons")
     rng = np.random.default_rng(3)
     image = rng.normal(size=where.lenses).astype(np.float32)
     bound = rng.uniform(0.0, 100.0, where.seen.shape).astype(np.float32)
@@ -100,7 +100,7 @@ def test_results_do_not_depend_on_threads(name, threads):
                 product.values,
                 polygons.forward(20, volume),
                 polygons.gather(20, image, volume),
-                projector.voxels_within(bound, 2000.0).column,
+                projector.candidates(bound, 2000.0).column,
             ]
         )
     assert 0 < found[0][-1].size < GRID.size

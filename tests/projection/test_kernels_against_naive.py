@@ -9,7 +9,7 @@ from oracles.naive_projection import exact_light, ray_light
 
 from plenopiv.lightfield import layout
 from plenopiv.projection.plenoptic.geometry import Plane, planes
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -34,7 +34,7 @@ class Case:
         inner = np.hypot(*(np.abs(where.offsets) + 1.05).T) <= camera.aperture_radius_px
         self.where = replace(where, seen=where.seen & inner[:, None])
         self.views = np.flatnonzero(inner)
-        self.projector = Projector(self.where, GRID, rule, across=40.0)
+        self.projector = PlenopticProjector(self.where, GRID, rule, across=40.0)
         x, y, z = GRID.axes()
         points = [(px, py, pz) for pz in z for py in y for px in x]
         self.weights = np.array([NAIVE[rule](self.where, p) for p in points])

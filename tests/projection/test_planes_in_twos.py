@@ -5,7 +5,7 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 X_MM, Y_MM, VOXEL_MM = (-0.41, 0.39), (-0.3, 0.33), 0.0085
@@ -13,7 +13,7 @@ X_MM, Y_MM, VOXEL_MM = (-0.41, 0.39), (-0.3, 0.33), 0.0085
 
 def projector_of(z_mm, step_mm, kind="hexagonal"):
     grid = VoxelGrid.covering(X_MM, Y_MM, z_mm, (VOXEL_MM, VOXEL_MM, step_mm))
-    return Projector(layout(small_camera(kind, pmr=8, rotation_rad=0.002)), grid)
+    return PlenopticProjector(layout(small_camera(kind, pmr=8, rotation_rad=0.002)), grid)
 
 
 def some_light(projector, seed=0):
@@ -23,7 +23,7 @@ def some_light(projector, seed=0):
 
 
 def counts(projector):
-    return [np.diff(read.first) for read in projector.mapped.in_twos]
+    return [np.diff(read.first) for read in projector.images.in_twos]
 
 
 @pytest.mark.parametrize("side", [-1, 1])
@@ -33,8 +33,8 @@ def test_planes_far_from_focus_are_joined_both_ways(side):
     assert even.sum() == odd.sum() == projector.grid.shape[0] == 14
     assert list(even) == [2] * 7
     assert list(odd) == [1] + [2] * 6 + [1]
-    read = projector.mapped.in_twos[0]
-    np.testing.assert_allclose(read.table, (projector._planes[::2] + projector._planes[1::2]) / 2, rtol=1e-6)
+    read = projector.images.in_twos[0]
+    np.testing.assert_allclose(read.table, (projector.planes[::2] + projector.planes[1::2]) / 2, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("z_mm", "step_mm"), [((-0.7, 0.7), 0.05), ((-9.0, 9.0), 1.5)])

@@ -10,8 +10,9 @@ from oracles.naive_projection import exact_light, ray_light
 
 from plenopiv.lightfield import layout
 from plenopiv.projection.plenoptic.candidates.kernels import LEAST_SHARE
+from plenopiv.projection.plenoptic.candidates.rule import judging_views
 from plenopiv.projection.plenoptic.geometry import Plane, planes
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.volume import VoxelGrid
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -35,7 +36,7 @@ def random_bound(where, seed):
     """One in ten pixels of the views that are asked allows 0 to all of what a pixel can get, the rest anything."""
     rng = np.random.default_rng(seed)
     bound = rng.uniform(0, 0.03 * PARTICLE, where.seen.shape)
-    asked = np.isin(np.arange(where.views), Projector(where, grid_at(STARTS[0])).judging_views)
+    asked = np.isin(np.arange(where.views), judging_views(PlenopticProjector(where, grid_at(STARTS[0]))))
     return np.where((rng.random(bound.shape) < 0.9) | ~asked[:, None], np.inf, bound).astype(np.float32)
 
 
@@ -69,12 +70,12 @@ def test_voxels_are_dropped_if_all_of_the_voxel_is_ruled_out(kind, z):
     """Sandwiched: whatever is dropped is ruled out all over the voxel, and what is ruled out all over a
     voxel half as large again is dropped."""
     where, grid = inner_layout(kind), grid_at(z)
-    projector = Projector(where, grid, "exact")
+    projector = PlenopticProjector(where, grid, "exact")
     voxel, larger = least_light(where, grid, 0.98), least_light(where, grid, 1.5)
     dropped, surely = [], []
     for seed in range(20):
         bound = random_bound(where, seed)
-        kept = projector.voxels_within(bound, PARTICLE).dense().values.ravel() > 0
+        kept = projector.candidates(bound, PARTICLE).dense().values.ravel() > 0
         dropped.append(~kept)
         surely.append(ruled_out(larger, where, grid, bound))
         assert not (~kept & ~ruled_out(voxel, where, grid, bound)).any()
@@ -88,33 +89,33 @@ def test_voxels_are_dropped_if_all_of_the_voxel_is_ruled_out(kind, z):
 def test_rays_are_judged_as_they_are(kind, rule, rays):
     where, grid = inner_layout(kind), grid_at(STARTS[0])
     weights = np.array([ray_light(where, place, rays) for place in voxels(grid)])
-    projector = Projector(where, grid, rule)
+    projector = PlenopticProjector(where, grid, rule)
     for seed in range(4):
         bound = random_bound(where, seed)
-        kept = projector.voxels_within(bound, PARTICLE).dense().values.ravel() > 0
+        kept = projector.candidates(bound, PARTICLE).dense().values.ravel() > 0
         np.testing.assert_array_equal(kept, ~ruled_out(weights, where, grid, bound))
 
 
 def test_no_limit_and_no_light():
     where, grid = inner_layout("square"), grid_at(STARTS[2])
-    projector = Projector(where, grid, "exact")
+    projector = PlenopticProjector(where, grid, "exact")
     nowhere_dark = np.full(where.seen.shape, np.inf, np.float32)
-    assert projector.voxels_within(nowhere_dark, PARTICLE).column.size == grid.size
-    assert projector.voxels_within(np.zeros_like(nowhere_dark), PARTICLE).column.size == 0
+    assert projector.candidates(nowhere_dark, PARTICLE).column.size == grid.size
+    assert projector.candidates(np.zeros_like(nowhere_dark), PARTICLE).column.size == 0
     nothing_seen = replace(where, seen=np.zeros_like(where.seen))
-    assert Projector(nothing_seen, grid).voxels_within(np.zeros_like(nowhere_dark), 1.0).column.size == grid.size
+    assert PlenopticProjector(nothing_seen, grid).candidates(np.zeros_like(nowhere_dark), 1.0).column.size == grid.size
 
 
 def test_what_the_middle_of_the_aperture_does_not_see_is_no_candidate():
     camera = small_camera("square", pmr=8)
     where, limit = layout(camera), 0.5 * 13 * camera.lattice.pitch_mm  # 13 microlenses, magnification -1
     grid = VoxelGrid.covering((-1.5 * limit, 1.5 * limit), (-0.02, 0.02), (-3, 3), (0.02, 0.02, 0.5))
-    projector = Projector(where, grid, "exact")
+    projector = PlenopticProjector(where, grid, "exact")
     no_limit = np.full(where.seen.shape, np.inf, np.float32)
-    kept = projector.voxels_within(no_limit, PARTICLE).dense().values > 0
+    kept = projector.candidates(no_limit, PARTICLE).dense().values > 0
     x, _, z = grid.axes()
     for k, depth in enumerate(z):
         reach = limit / abs(camera.scale(depth)) / (1 + camera.image_scale)
         np.testing.assert_array_equal(kept[k], np.broadcast_to(np.abs(x) <= reach, kept[k].shape))
     assert not kept.all()
-    np.testing.assert_array_equal(projector.seen_voxels().dense().values > 0, kept)
+    np.testing.assert_array_equal(projector.visible_voxels().dense().values > 0, kept)

@@ -7,7 +7,7 @@ from oracles.cameras import small_camera
 from plenopiv.lightfield import layout
 from plenopiv.projection.plenoptic.plane_maps.maps import MOST_PARTS, PART, outer_products
 from plenopiv.projection.plenoptic.plane_maps.voxel_rows import first_line, pays, spread_rows, sum_rows
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.volume import VoxelGrid
 
 NX = 90
@@ -17,7 +17,7 @@ NX = 90
 def maps(request):
     where = layout(small_camera(request.param))
     grid = VoxelGrid.covering((-0.7, 0.7), (-0.2, 0.2), (-3.0, 3.0), (1.4 / NX, 0.017, 0.25))
-    return Projector(where, grid).mapped.maps
+    return PlenopticProjector(where, grid).images.maps
 
 
 def planes_with(maps):

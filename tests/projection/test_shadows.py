@@ -123,7 +123,7 @@ def test_the_same_on_any_number_of_threads():
     threads, found = numba.get_num_threads(), []
     for number in (1, threads):
         numba.set_num_threads(number)
-        lit = projector.lit_in_every_camera(np.abs(images), 0.5)
+        lit = projector.candidates(np.abs(images), 0.5)
         found.append((projector.forward([0, 3], volume), projector.gather([0, 3], images[[0, 3]], volume), lit.values))
     for one, other in zip(*found, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -154,7 +154,7 @@ def test_lines_of_sight_against_a_loop():
     expected = visible & (met.min(0) > 2.5)
     assert 0 < visible.sum() < grid.size
     assert 0.1 < expected.sum() / visible.sum() < 0.9
-    volume = projector.lit_in_every_camera(images, 2.5)
+    volume = projector.candidates(images, 2.5)
     np.testing.assert_array_equal(listed(volume), np.flatnonzero(expected))
     np.testing.assert_allclose(volume.values, met.prod(0)[expected] ** 0.25, rtol=1e-5)
 
@@ -163,7 +163,7 @@ def test_images_become_views_above_the_black_level():
     small = looking_at((0, 0, 0), Sensor(12, 10, 0.0055, 12, 7.0), scale_mm_px=SCALE_MM_PX, distance_mm=300)
     projector = PinholeProjector([four_cameras(20, black_level=60)[0], small], cubes(9, 8, 4))
     images = [np.full((20, 20), 61, np.uint16), np.arange(120, dtype=np.uint16).reshape(10, 12)]
-    values = projector.views_of(images)
+    values = projector.values_of(images)
     assert projector.seen.sum(1).tolist() == [400, 120]
     assert (values[0] == 1).all()
     np.testing.assert_array_equal(values[1, :120], np.arange(120) - 7)
@@ -196,6 +196,6 @@ def test_cameras_that_cannot_do(cameras, message):
 def test_images_that_are_not_the_cameras():
     projector = PinholeProjector(four_cameras(20), cubes(9, 8, 4))
     with pytest.raises(PlenoPIVError, match="3 for 4 cameras"):
-        projector.views_of([np.zeros((20, 20))] * 3)
+        projector.values_of([np.zeros((20, 20))] * 3)
     with pytest.raises(PlenoPIVError, match="camera 3: its image has 19 x 20 px, its sensor 20 x 20"):
-        projector.views_of([np.zeros((20, 20))] * 2 + [np.zeros((20, 19))] * 2)
+        projector.values_of([np.zeros((20, 20))] * 2 + [np.zeros((20, 19))] * 2)

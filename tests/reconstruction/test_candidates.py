@@ -6,7 +6,7 @@ from oracles.cameras import small_camera
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField, layout
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.candidates import (
     BRIGHT_SHARE,
     CROWD,
@@ -67,7 +67,7 @@ def test_brightness_of_a_typical_particle(share, spread):
     """<E^2>/<E> from the pixels alone, whatever the density, shot and read noise taken out."""
     where = layout(small_camera("hexagonal", pmr=8, microlenses=(40, 34)))
     grid = VoxelGrid.covering((-0.8, 0.8), (-0.7, 0.7), (-2, 2), (0.022, 0.022, 0.1))
-    projector, rng = Projector(where, grid, "exact"), np.random.default_rng(0)
+    projector, rng = PlenopticProjector(where, grid, "exact"), np.random.default_rng(0)
     volume = SparseVolume.from_mask(grid, rng.random(grid.shape) < share)
     light = 20_000.0 * (1 + spread * rng.uniform(-1.0, 1.0, volume.column.size))
     volume = volume.with_values(light.astype(np.float32))
@@ -80,31 +80,31 @@ def test_brightness_of_a_typical_particle(share, spread):
 
 def test_no_typical_particle_where_no_pixel_sees_the_volume_alone():
     grid = VoxelGrid.covering((-0.05, 0.05), (-0.05, 0.05), (-3, 3), (0.022, 0.022, 0.1))
-    assert typical_particle(field(np.ones(WHERE.seen.shape)), Projector(WHERE, grid), Noise(0.0)) == 0.0
+    assert typical_particle(field(np.ones(WHERE.seen.shape)), PlenopticProjector(WHERE, grid), Noise(0.0)) == 0.0
 
 
 def test_a_frame_without_particles():
-    projector = Projector(WHERE, GRID, "1-ray")
+    projector = PlenopticProjector(WHERE, GRID, "1-ray")
     message = r"^frame_7: no particles.*sensor\.black_level and reconstruction\.threshold"
     with pytest.raises(PlenoPIVError, match=message) as e:
-        reconstruct(field(np.zeros(WHERE.seen.shape)), projector, ReconstructionSettings(), name="frame_7")
+        reconstruct(field(np.zeros(WHERE.seen.shape)).values, projector, ReconstructionSettings(), name="frame_7")
     assert "\n" not in str(e.value)
 
 
 def test_a_frame_in_which_nothing_fits_together():
     """Single lit pixels are no particle: no voxel is behind lit pixels alone."""
     lit = np.random.default_rng(2).random(WHERE.seen.shape) < 0.01
-    projector = Projector(WHERE, GRID, "1-ray")
+    projector = PlenopticProjector(WHERE, GRID, "1-ray")
     settings = ReconstructionSettings(candidates="product")
     with pytest.raises(PlenoPIVError, match=r'^frame_7: dense ray tracing leaves no voxel.*threshold.*"mart"'):
-        reconstruct(field(100.0 * lit), projector, settings, name="frame_7")
+        reconstruct(field(100.0 * lit).values, projector, settings, name="frame_7")
 
 
 def test_a_given_threshold_is_used():
     values = np.where(np.random.default_rng(3).random(WHERE.seen.shape) < 0.5, 10.0, 30.0)
-    projector = Projector(WHERE, GRID, "1-ray")
+    projector = PlenopticProjector(WHERE, GRID, "1-ray")
     with pytest.raises(PlenoPIVError, match="no particles"):
-        reconstruct(field(values), projector, ReconstructionSettings(threshold=31.0))
-    found = reconstruct(field(values), projector, ReconstructionSettings(threshold=5.0, iterations=1))
+        reconstruct(field(values).values, projector, ReconstructionSettings(threshold=31.0))
+    found = reconstruct(field(values).values, projector, ReconstructionSettings(threshold=5.0, iterations=1))
     assert found.threshold == 5.0
     assert found.candidates == 1.0

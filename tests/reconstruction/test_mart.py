@@ -7,7 +7,7 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.mart import mart
 from plenopiv.volume import SparseVolume, VoxelGrid
 
@@ -20,7 +20,7 @@ PROJECTORS = {}
 def projector_of(kind, rule="exact"):
     if (kind, rule) not in PROJECTORS:
         where = layout(small_camera(kind, pmr=8, offset_mm=(0.011, -0.005)))
-        PROJECTORS[kind, rule] = Projector(where, GRID, rule)
+        PROJECTORS[kind, rule] = PlenopticProjector(where, GRID, rule)
     return PROJECTORS[kind, rule]
 
 

@@ -7,7 +7,7 @@ from oracles.cameras import small_camera
 
 from plenopiv.lightfield import decode, layout
 from plenopiv.projection.plenoptic.plane_maps.maps import ACROSS
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.candidates import dark_to_light, most_light
 from plenopiv.reconstruction.noise import Noise
 from plenopiv.reconstruction.reconstruct import reconstruct
@@ -37,8 +37,8 @@ def image_of(kind, place, electrons=ELECTRONS):
 def reconstructed(kind, image, across=ACROSS, **settings):
     where = LAYOUTS[kind]
     settings = ReconstructionSettings(**{"method": "drt-mart", "iterations": 5, "relaxation": 0.3, **settings})
-    projector = Projector(where, GRID, settings.weights, across)
-    return reconstruct(decode(image, where), projector, settings)
+    projector = PlenopticProjector(where, GRID, settings.weights, across)
+    return reconstruct(projector.values_of([image]), projector, settings)
 
 
 def centre_of_light(volume):
@@ -92,9 +92,9 @@ def test_mart_and_drt_mart_agree():
 def test_the_papers_product_keeps_the_true_voxel(kind, place):
     """Noise-free, one ray a view, no tolerance: a product of all pixels. The true voxel stays and few others do."""
     where = LAYOUTS[kind]
-    projector = Projector(where, GRID, "1-ray")
+    projector = PlenopticProjector(where, GRID, "1-ray")
     lightfield = decode(image_of(kind, place), where)
-    alive = projector.voxels_within(dark_to_light(lightfield, 0.0), 1.0).dense().values > 0
+    alive = projector.candidates(dark_to_light(lightfield, 0.0), 1.0).dense().values > 0
     k, j, i = (int(np.argmin(np.abs(axis - p))) for axis, p in zip(GRID.axes()[::-1], place[::-1], strict=True))
     assert alive[k, j, i]
     assert alive.mean() < 2e-3
@@ -110,13 +110,13 @@ def test_the_bound_keeps_a_noisy_particle(kind, place):
     """One of the voxels next to the particle stays, and few others do, although every pixel is noisy."""
     where = LAYOUTS[kind]
     grid = VoxelGrid.covering((-0.25, 0.25), (-0.25, 0.25), (-1.5, 1.5), (VOXEL / 2, VOXEL / 2, 0.05))
-    projector = Projector(where, grid, "exact")
+    projector = PlenopticProjector(where, grid, "exact")
     image = image_of(kind, place, 60_000.0)
     noisy = np.random.default_rng(0).normal(image, 2 + np.sqrt(image))
     lightfield, noise = decode(noisy, where), Noise(2.0, 1.0)
     first = np.floor((np.array(place) - grid.first_mm) / grid.voxel_mm).astype(int)
     around = tuple(slice(n, n + 2) for n in first[::-1])
-    kept = projector.voxels_within(most_light(lightfield, noise), 0.5 * 60_000.0).dense().values > 0
+    kept = projector.candidates(most_light(lightfield, noise), 0.5 * 60_000.0).dense().values > 0
     assert kept[around].any()
     assert kept.mean() < 0.05
 

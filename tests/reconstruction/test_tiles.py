@@ -6,10 +6,10 @@ from oracles.cameras import small_camera
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField, layout
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.reconstruct import reconstruct
 from plenopiv.reconstruction.settings import ReconstructionSettings
-from plenopiv.reconstruction.tiles import cut, reconstruct_in_tiles
+from plenopiv.reconstruction.tiles import cut
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -21,7 +21,7 @@ SETTINGS = ReconstructionSettings(method="drt-mart", iterations=4)
 @pytest.fixture(scope="module")
 def projector():
     where = layout(small_camera("hexagonal", pmr=8, microlenses=(15, 23), offset_mm=(0.011, -0.005)))
-    return Projector(where, GRID, "exact")
+    return PlenopticProjector(where, GRID, "exact")
 
 
 def particles(rows, count=20, seed=0):
@@ -53,7 +53,7 @@ def test_equations_of_a_tile_get_no_light_from_outside(projector):
     outside = np.ones(GRID.shape, bool)
     outside[:, low:high] = False
     light = image_of(projector, SparseVolume.from_mask(GRID, outside)).values
-    kept = projector.keeps_within(low, high)
+    kept = projector.tile(low, high).seen
     assert 0.02 < kept.mean() < 0.5
     assert light[kept].max() == 0
     assert light[projector.seen & ~kept].max() > 0
@@ -64,18 +64,18 @@ def test_a_row_is_seen_by_equations_within_its_passage(projector):
     here = np.zeros(GRID.shape, bool)
     here[:, row] = True
     light = image_of(projector, SparseVolume.from_mask(GRID, here)).values
-    assert projector.keeps_within(row - reach, row + reach + 1)[light > 0].all()
-    assert not projector.keeps_within(row - reach // 3, row + reach // 3 + 1)[light > 0].all()
+    assert projector.tile(row - reach, row + reach + 1).seen[light > 0].all()
+    assert not projector.tile(row - reach // 3, row + reach // 3 + 1).seen[light > 0].all()
 
 
 @pytest.mark.parametrize("count", [2, 3])
 def test_tiles_together_are_the_whole(projector, count):
     truth = particles((3, GRID.shape[1] - 3))
     frame = image_of(projector, truth)
-    whole = reconstruct(frame, projector, SETTINGS)
+    whole = reconstruct(frame.values, projector, SETTINGS)
     steps = []
     tiles = cut(GRID.shape[1], count, projector.passage)
-    found = reconstruct_in_tiles(frame, projector, tiles, SETTINGS, progress=lambda *step: steps.append(step))
+    found = reconstruct(frame.values, projector, SETTINGS, tiles=tiles, progress=lambda *step: steps.append(step))
     assert found.volume.grid == GRID
     assert steps == sorted(steps)
     assert steps[-1][0] == steps[-1][1]
@@ -93,16 +93,15 @@ def test_tiles_together_are_the_whole(projector, count):
 
 def test_one_tile_is_the_whole(projector):
     frame = image_of(projector, particles((3, 57)))
-    whole = reconstruct(frame, projector, SETTINGS)
-    found = reconstruct_in_tiles(frame, projector, cut(GRID.shape[1], 1, 9), SETTINGS)
+    whole = reconstruct(frame.values, projector, SETTINGS)
+    found = reconstruct(frame.values, projector, SETTINGS, tiles=cut(GRID.shape[1], 1, 9))
     np.testing.assert_array_equal(found.volume.values, whole.volume.values)
 
 
 def test_a_tile_may_hold_nothing_but_not_all_of_them(projector):
     frame, tiles = image_of(projector, particles((4, 12))), cut(GRID.shape[1], 3, projector.passage)
-    found = reconstruct_in_tiles(frame, projector, tiles, SETTINGS).volume
+    found = reconstruct(frame.values, projector, SETTINGS, tiles=tiles).volume
     assert found.rows(0, 20).column.size > 0
     assert found.rows(40, 60).column.size == 0
-    dark = LightField(frame.layout, np.zeros_like(frame.values))
     with pytest.raises(PlenoPIVError, match="no particles"):
-        reconstruct_in_tiles(dark, projector, tiles, SETTINGS)
+        reconstruct(np.zeros_like(frame.values), projector, SETTINGS, tiles=tiles)

@@ -15,10 +15,12 @@ from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError
 from plenopiv.projection.pinhole.projector import PinholeProjector
+from plenopiv.reconstruction.candidates import lit_above
 from plenopiv.reconstruction.mart import mart
 from plenopiv.reconstruction.noise import Noise
-from plenopiv.reconstruction.settings import TomographySettings
-from plenopiv.reconstruction.tomography import lit_above, reconstruct_tomography
+from plenopiv.reconstruction.reconstruct import reconstruct
+from plenopiv.reconstruction.settings import TOMOGRAPHY
+from plenopiv.reconstruction.tiles import cut
 from plenopiv.simulation.board import board_image
 from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.pinhole_images import pinhole_image
@@ -29,7 +31,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "tomo"))
 import quality
 import weights
 
-SETTINGS = TomographySettings()
+SETTINGS = TOMOGRAPHY
 LIGHT = 2000.0
 
 
@@ -45,7 +47,8 @@ def images_of(cameras, position_mm):
 
 
 def reconstructed(cameras, grid, position_mm, settings=SETTINGS):
-    return reconstruct_tomography(images_of(cameras, position_mm), PinholeProjector(cameras, grid), settings)
+    projector = PinholeProjector(cameras, grid)
+    return reconstruct(projector.values_of(images_of(cameras, position_mm)), projector, settings)
 
 
 @pytest.mark.parametrize("place", [(0, 0, 0), (0.5, 0, 0), (0, 0.5, 0), (0, 0, 0.5), (-0.43, -0.22, -0.37)])
@@ -90,9 +93,9 @@ def test_stored_weights_and_plain_loops_find_the_same():
     """One camera after the other with weights from a matrix is what ships; one pixel after the other comes close."""
     scene = weights.SCENE.having(shape=(48, 40, 16), pixels=(72, 72), ppp=0.08)
     projector, images = PinholeProjector(scene.known_cameras, scene.grid), scene.images()
-    shipped = reconstruct_tomography(images, projector, SETTINGS).volume
-    values = projector.views_of(images)
-    start = projector.lit_in_every_camera(values, lit_above(values, Noise(0.0)))
+    values = projector.values_of(images)
+    shipped = reconstruct(values, projector, SETTINGS).volume
+    start = projector.candidates(values, lit_above(values, Noise(0.0)))
     voxel = np.flatnonzero(start.dense().values)
     exact = exact_volume(scene.place_mm, LIGHT, scene.grid)
     for weight, steps, least, most in (
@@ -153,7 +156,8 @@ def test_noise_and_calibrated_cameras():
         digitise(image, c.sensor, SensorNoise(), rng)
         for image, c in zip(images_of(cameras, place), cameras, strict=True)
     ]
-    result = reconstruct_tomography(frames, PinholeProjector(found, grid), SETTINGS)
+    projector = PinholeProjector(found, grid)
+    result = reconstruct(projector.values_of(frames), projector, SETTINGS)
     quality = reconstruction_quality(result.volume, exact_volume(place, LIGHT, grid))
     print(f"\nQ {quality:.3f}; dark noise {result.noise.dark:.2f} counts")
     assert 1.5 <= result.noise.dark <= 1.9  # 3 electrons at 0.5 counts each; what rounding takes to 0 is not counted
@@ -173,11 +177,11 @@ def test_frames_without_particles():
     cameras, grid = four_cameras(64), cubes(24, 23, 22)
     projector = PinholeProjector(cameras, grid)
     with pytest.raises(PlenoPIVError, match="frame 7: no particles: nowhere"):
-        reconstruct_tomography([np.zeros((64, 64))] * 4, projector, SETTINGS, name="frame 7")
+        reconstruct(projector.values_of([np.zeros((64, 64))] * 4), projector, SETTINGS, name="frame 7")
     # one camera dark: lines of sight never cross
     one_dark = [*images_of(cameras[:3], np.zeros((1, 3))), np.zeros((64, 64))]
     with pytest.raises(PlenoPIVError, match="no particles"):
-        reconstruct_tomography(one_dark, projector, SETTINGS)
+        reconstruct(projector.values_of(one_dark), projector, SETTINGS)
 
 
 def flow(place_mm):
@@ -232,3 +236,36 @@ def test_the_paper_s_windows():
     assert (rms < 0.1).all()
     assert -0.15 < u_of_z / 0.03 < -0.02
     assert abs(w_of_x / 0.02) < 0.02
+
+
+@pytest.mark.parametrize(("low", "high"), [(0, 14), (9, 26), (17, 32)])
+def test_equations_of_a_tile_have_no_light_from_other_rows(low, high):
+    cameras, grid = four_cameras(72), cubes(24, 32, 22)
+    projector = PinholeProjector(cameras, grid)
+    tile, outside = projector.tile(low, high), np.ones(grid.shape, bool)
+    outside[:, low:high] = False
+    light = projector.forward(np.arange(4), SparseVolume.from_mask(grid, outside))
+    assert tile.grid == grid.rows(low, high)
+    assert (light[tile.seen] == 0).all()
+    whole = projector.forward(np.arange(4), projector.visible_voxels())
+    assert (tile.seen & (whole > 0)).any(1).all()  # some of each camera
+
+
+def test_tiles_of_pinhole_cameras_are_the_whole():
+    cameras, grid = four_cameras(72), cubes(24, 32, 22)
+    projector, place = PinholeProjector(cameras, grid), strewn(grid, 0.02, seed=4)
+    values = projector.values_of(images_of(cameras, place))
+    exact = exact_volume(place, LIGHT, grid)
+    whole = reconstruct(values, projector, SETTINGS)
+    found = reconstruct(values, projector, SETTINGS, tiles=cut(32, 2, projector.passage))
+    assert found.volume.grid == grid
+    a, b = (reconstruction_quality(each.volume, exact) for each in (whole, found))
+    print(f"\nQ of the whole {a:.3f}, in tiles {b:.3f}; passage {projector.passage} rows")
+    assert b > a - 0.02
+
+
+def test_all_visible_voxels_start_alike_without_lines_of_sight():
+    cameras, grid = four_cameras(40), cubes(12, 11, 10)
+    projector = PinholeProjector(cameras, grid)
+    assert projector.visible_voxels().column.size == grid.size
+    np.testing.assert_array_equal(projector.visible_voxels().values, 1.0)

@@ -9,7 +9,7 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.mart import mart
 from plenopiv.reconstruction.thinning import keeping
 from plenopiv.volume import SparseVolume, VoxelGrid
@@ -71,7 +71,7 @@ def largest_difference(a, b):
 
 @pytest.fixture(scope="module")
 def one_ray_case():
-    projector = Projector(WHERE, GRID, "1-ray")
+    projector = PlenopticProjector(WHERE, GRID, "1-ray")
     every = particles(projector)
     truth = meeting_one_lens_a_view(projector, every)
     assert 0.3 * every.values.size < truth.values.size < every.values.size  # of 50 views, not one meets it twice
@@ -106,7 +106,7 @@ def test_as_powers_it_is_so_for_pixels_of_any_share(one_ray_case, relaxation):
 
 @pytest.mark.parametrize("form", ["sums", "powers"])
 def test_split_light_makes_them_close_and_not_equal(form):
-    projector = Projector(WHERE, GRID, "exact")
+    projector = PlenopticProjector(WHERE, GRID, "exact")
     truth = particles(projector)
     values = noisy_views(projector, truth)
     start = started(values, truth)
@@ -121,7 +121,7 @@ def test_split_light_makes_them_close_and_not_equal(form):
 
 def test_the_benchmark_s_rounds_are_the_library_s():
     """Its first round takes twice the relaxation; three views at once are what 0.6 allows, six what 0.3 does."""
-    projector = Projector(WHERE, GRID, "exact")
+    projector = PlenopticProjector(WHERE, GRID, "exact")
     truth = particles(projector)
     values = noisy_views(projector, truth)
     ours, order = started(values, truth), random_order(5)
@@ -136,7 +136,7 @@ def test_the_benchmark_s_rounds_are_the_library_s():
 
 @pytest.mark.parametrize("rule", ["1-ray", "9-rays", "exact"])
 def test_stored_shares_project_as_the_projector_does(rule):
-    projector = Projector(WHERE, GRID, rule)
+    projector = PlenopticProjector(WHERE, GRID, rule)
     volume = particles(projector)
     light = light_of_a_pixel(projector, volume) * volume.values
     for view, share in enumerate(shares(projector, volume)):
@@ -147,7 +147,7 @@ def test_stored_shares_project_as_the_projector_does(rule):
 
 @pytest.mark.parametrize("form", ["sums", "powers"])
 def test_simultaneous_rounds_leave_the_true_volume_and_lessen_the_residual(form):
-    projector = Projector(WHERE, GRID, "exact")
+    projector = PlenopticProjector(WHERE, GRID, "exact")
     truth = particles(projector)
     values = np.array([projector.forward(v, truth) for v in range(projector.views)])
     again = next(simultaneous(values, projector, truth, form=form, floor=FLOOR))
@@ -158,13 +158,13 @@ def test_simultaneous_rounds_leave_the_true_volume_and_lessen_the_residual(form)
 
 
 def test_orders_name_every_view_once():
-    projector = Projector(WHERE, GRID, "1-ray")
+    projector = PlenopticProjector(WHERE, GRID, "1-ray")
     for order in (random_order(), rim_first, golden_order):
         assert sorted(order(projector, 1)) == list(range(projector.views))
 
 
 def test_candidates_are_counted_by_their_light_on_dark_pixels():
-    projector = Projector(WHERE, GRID, "exact")
+    projector = PlenopticProjector(WHERE, GRID, "exact")
     values = np.where(np.random.default_rng(0).random(WHERE.seen.shape) < 0.05, 0.0, 10.0).astype(np.float32)
     every = projector.every_voxel()
     dark = sum(share @ np.where(v > 5, 0.0, 1.0) for share, v in zip(shares(projector, every), values, strict=True))

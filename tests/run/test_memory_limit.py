@@ -60,7 +60,7 @@ def test_as_few_tiles_as_keep_within():
 def test_a_run_in_tiles(experiment, capsys, monkeypatch):
     monkeypatch.setattr("plenopiv.run.memory.LISTED", 1e9 / (8.0 * experiment.grid().size))  # a volume of 1 GB
     monkeypatch.setattr(
-        "plenopiv.projection.plenoptic.projector.Projector.passage", 4
+        "plenopiv.projection.plenoptic.projector.PlenopticProjector.passage", 4
     )  # light crosses half of so small a one
     assert main(["run", str(experiment.path), "--memory", "1.1"]) == 0
     assert "the volume is reconstructed in" in capsys.readouterr().err

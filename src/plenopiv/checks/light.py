@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.checks.findings import Finding
 from plenopiv.lightfield import LightField
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.candidates import typical_particle
 from plenopiv.reconstruction.noise import Noise, dark_noise
 from plenopiv.sensor import Sensor
@@ -55,10 +55,10 @@ class Light:
         return max(self.mean - self.background, 0.0) / self.particle if self.particle > 0 else 0.0
 
 
-def light_of(lightfield: LightField, projector: Projector, counts_per_electron: float) -> Light:
+def light_of(lightfield: LightField, projector: PlenopticProjector, counts_per_electron: float) -> Light:
     """Measure one frame; ``projector`` of the volume that is lit."""
     noise = Noise(dark_noise(lightfield), counts_per_electron)
-    total, squares, _ = projector.sharpness().T
+    total, squares, _ = projector.weight_sums().T
     share = projector.light_of_planes().astype(np.float64)
     particle = typical_particle(lightfield, projector, noise)
     through = [lightfield.values[view][projector.looks_through(int(view))] for view in projector.whole_views]

@@ -16,7 +16,7 @@ from plenopiv.checks.findings import Finding
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVWarning, printable
 from plenopiv.lightfield import LightField, decode, layout
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
 from plenopiv.sensor import middle, middle_of
@@ -127,7 +127,7 @@ def _light_and_motion(
     part = middle(recording.sensor, MIDDLE_PX, MIDDLE_PX)
     camera = replace(seen.camera, sensor=part)
     where = layout(camera)
-    projector = Projector(where, grid, "1-ray")  # its geometry alone is asked
+    projector = PlenopticProjector(where, grid, "1-ray")  # its geometry alone is asked
     gain = NO_WHITE_IMAGE
     if seen.white is not None:
         gain = counts_per_electron(decode(middle_of(seen.white, part), where))

@@ -12,7 +12,7 @@ from plenopiv.cli.progress import Progress
 from plenopiv.cli.simulate import recorded
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
-from plenopiv.run.frames import run as run_frames
+from plenopiv.run.series import run as run_series
 from plenopiv.simulation.flows import Velocity, flow
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def demo(folder: Path, overwrite: bool) -> str:
         return {**scores, "by_depth": error_by_depth(dataset, *against)}
 
     with Progress() as progress:
-        run_frames(experiment, progress, overwrite, score)
+        run_series(experiment, progress, overwrite, score)
     width = max(map(len, scores))
     return "\n".join(
         [

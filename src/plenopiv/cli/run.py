@@ -15,10 +15,10 @@ def run(file: Path, overwrite: bool, memory_gb: float | None = None) -> str:
         PlenoPIVError: the experiment file or its images are wrong, or the output folder holds a complete run.
     """
     experiment = Experiment.load(file)
-    from plenopiv.run.frames import run as run_frames  # here: a mistake in the file is told before the kernels load
+    from plenopiv.run.series import run as run_series  # here: a mistake in the file is told before the kernels load
 
     with Progress() as progress:
-        result = run_frames(experiment, progress, overwrite, memory_gb=memory_gb)
+        result = run_series(experiment, progress, overwrite, memory_gb=memory_gb)
     folder, summary = experiment.output_directory, result.summary
     replaced, warned = f"{100 * summary['replaced_share']:.1f} %", len(summary["warnings"])
     return "\n".join(

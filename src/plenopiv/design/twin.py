@@ -18,26 +18,21 @@ from math import ceil, hypot, radians, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plenopiv.accuracy.velocity import Errors, Score, pooled, score_velocity
 from plenopiv.cameras.coverage import pixels_that_see
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.chain import Chain
 from plenopiv.design.advice import Limits, Measurement
-from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.lattice import Lattice
-from plenopiv.lightfield import decode, layout
-from plenopiv.projection.plenoptic.projector import Projector
-from plenopiv.reconstruction.focus import focus_weight
-from plenopiv.reconstruction.reconstruct import Reconstruction, reconstruct
-from plenopiv.reconstruction.settings import ReconstructionSettings
+from plenopiv.reconstruction.reconstruct import Reconstruction
+from plenopiv.reconstruction.settings import ReconstructionSettings, Weights
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
 from plenopiv.simulation.simulated_recording import Seeding, seed_pair
-from plenopiv.velocity import velocity_dataset
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -115,22 +110,26 @@ def _shorter(side: tuple[float, float], length: float) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two frames of uniform motion, reconstructed.
+    """Two frames of uniform motion, reconstructed by ``chain``.
 
     ``particles`` and ``frames`` of the first and the second; ``moved_mm`` from one to the other along x, y, z.
     """
 
-    camera: PlenopticCamera
+    chain: Chain
     measurement: Measurement
     particles: tuple[Particles, Particles]
     frames: tuple[Reconstruction, Reconstruction]
     moved_mm: tuple[float, float, float]
 
-    def displaced(self, plane_weight: NDArray[np.float32], progress: Progress | None = None) -> xr.Dataset:
-        """The velocity field, planes multiplied by ``plane_weight`` (nz,) before they are correlated."""
-        a, b = (frame.volume.with_planes_scaled(plane_weight) for frame in self.frames)
-        field = measure(a, b, CorrelationSettings(windows=self.measurement.windows), progress)
-        return velocity_dataset(field, self.measurement.grid, DT_S)
+    @property
+    def camera(self) -> PlenopticCamera:
+        """The twin's camera."""
+        return self.chain.camera
+
+    def velocity(self, progress: Progress | None = None) -> xr.Dataset:
+        """The velocity field."""
+        a, b = (frame.volume for frame in self.frames)
+        return self.chain.velocity(a, b, DT_S, progress=progress)
 
     def score(self, field: xr.Dataset) -> Score:
         """How near the truth a field is, as ``docs/accuracy.md`` counts."""
@@ -162,14 +161,14 @@ def reconstructed_pair(
     *,
     seeding: Seeding | None = None,
     noise: SensorNoise = NOISE,
-    weights: str = "exact",
+    weights: Weights = "exact",
     vectors: int = VECTORS,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Pair:
     """Simulate a pair of frames of uniform motion, SHIFT of the last window, and reconstruct them as a run with default
     settings does. Calibration is left out: the lattice is known. ``seeding``: default ``Seeding()``; ``weights``: of
-    the ``Projector``.
+    the ``PlenopticProjector``.
 
     Raises:
         PlenoPIVError: the frames show no particles.
@@ -180,26 +179,19 @@ def reconstructed_pair(
     x, y, z = (share * side for share, side in zip(SHIFT, cut_out.window_mm, strict=True))
     motion = flow("uniform", velocity_m_s=[1e-3 * d / DT_S for d in (x, y, z)])
     rng = np.random.default_rng(seed)
-    where = layout(small)
-    projector = Projector(where, cut_out.grid, weights)
+    settings = ReconstructionSettings(weights=weights)
+    chain = Chain((small,), cut_out.grid, settings, CorrelationSettings(windows=cut_out.windows), noise.gain)
 
     def frame(particles: Particles, number: int) -> Reconstruction:
         image_seed = 2 * seed + number
         light = particle_image(small, particles, rays=RAYS, seed=image_seed, diffraction_nm=WAVELENGTH_NM)
         counts = digitise(light + seeding.background_electrons, small.sensor, noise, rng)
         name = f"twin at {seeding.particles_per_microlens:g} ppm, frame {number + 1}"
-        return reconstruct(
-            decode(counts, where),
-            projector,
-            ReconstructionSettings(),
-            counts_per_electron=noise.gain,
-            name=name,
-            progress=partial(report, name),
-        )
+        return chain.reconstruct([counts], name, partial(report, name))
 
     first, second = seed_pair(small, motion, DT_S, cut_out.limits_mm, seeding, rng)
     frames = frame(first, 0), frame(second, 1)
-    return Pair(small, cut_out, (first, second), frames, (x, y, z))
+    return Pair(chain, cut_out, (first, second), frames, (x, y, z))
 
 
 def twin(
@@ -229,8 +221,7 @@ def twin(
             seed=seed + len(scores),
             progress=progress,
         )
-        z = pair.measurement.grid.axes()[2]
-        field = pair.displaced(focus_weight(pair.camera, z, ReconstructionSettings.focus_reach), progress)
+        field = pair.velocity(progress)
         scores.append(pair.score(field))
         planes.append(pair.by_plane(field))
         candidates += pair.frames[0].candidates

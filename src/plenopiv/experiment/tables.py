@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, WithJsonSchema, model_validator
 
 from plenopiv.displacement.settings import CorrelationSettings
-from plenopiv.reconstruction.settings import Candidates, Method, ReconstructionSettings, Weights
+from plenopiv.reconstruction.settings import CandidateRule, LightFieldMethod, ReconstructionSettings, Weights
 
 PositiveFloat = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -155,11 +155,11 @@ class ReconstructionTable(Table):
     ``threshold`` (counts above the black level) is chosen by the program where absent.
     """
 
-    method: Method = ReconstructionSettings.method
+    method: LightFieldMethod = "drt-mart"
     iterations: Annotated[int, Field(ge=1, le=1000)] = ReconstructionSettings.iterations
     relaxation: Annotated[float, Field(gt=0, le=1)] = ReconstructionSettings.relaxation
     weights: Weights = ReconstructionSettings.weights
-    candidates: Candidates = ReconstructionSettings.candidates
+    candidates: CandidateRule = ReconstructionSettings.candidates
     threshold: NotNegative | None = None
     focus_reach: NotNegative = ReconstructionSettings.focus_reach
     seed: Annotated[int, Field(ge=0)] = ReconstructionSettings.seed

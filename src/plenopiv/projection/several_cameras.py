@@ -1,7 +1,7 @@
 """Several plenoptic cameras around a volume, as one projection: their views one after the other.
 
-Each camera has a ``Projector`` of its own over the same voxels, numbered along its own axes (``Pose.grid``). A list
-of voxels is put in each camera's order once, and only its values travel after that.
+Each camera has a ``PlenopticProjector`` of its own over the same voxels, numbered along its own axes (``Pose.grid``). A
+list of voxels is sorted into each camera's order once; after that only its values are.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.cameras.pose import FRONT, Pose
 from plenopiv.errors import PlenoPIVError
-from plenopiv.lightfield import LightField
 from plenopiv.projection.correction import correct
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
+from plenopiv.projection.protocol import Projection
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 
@@ -28,7 +28,7 @@ class Turned(NamedTuple):
     order: NDArray[np.int64] | slice
 
 
-class CamerasAround:
+class SeveralCameras:
     """Between a volume of the object and the views of cameras mounted around it (``projection.protocol.Projection``).
 
     Views of the first camera come first. Images of a view are float32 (lens,), in counts; where a camera has fewer
@@ -37,7 +37,7 @@ class CamerasAround:
     Raises PlenoPIVError where a projector's voxels are not those of ``grid`` seen from its pose.
     """
 
-    def __init__(self, grid: VoxelGrid, projectors: Sequence[Projector], poses: Sequence[Pose]):
+    def __init__(self, grid: VoxelGrid, projectors: Sequence[PlenopticProjector], poses: Sequence[Pose]):
         self.grid, self.projectors, self.poses = grid, tuple(projectors), tuple(poses)
         for number, (projector, pose) in enumerate(zip(projectors, poses, strict=True), 1):
             if projector.grid != pose.grid(grid):
@@ -56,9 +56,14 @@ class CamerasAround:
         """(view, lens): where a pixel is an equation."""
         return self._stacked([p.seen for p in self.projectors])
 
-    def values_of(self, lightfields: Sequence[LightField]) -> NDArray[np.float32]:
-        """The light fields of the cameras, one each, as (view, lens) in counts."""
-        return self._stacked([lightfield.values for lightfield in lightfields])
+    def values_of(self, images: Sequence[NDArray]) -> NDArray[np.float32]:
+        """One upright image (rows, columns) of each camera, in counts, as (view, lens) above the black level.
+
+        Raises PlenoPIVError where their number or a shape is not that of the cameras.
+        """
+        if len(images) != len(self.projectors):
+            raise PlenoPIVError(f"{len(images)} images for {len(self.projectors)} cameras; give one of each camera")
+        return self._stacked([p.values_of([image]) for p, image in zip(self.projectors, images, strict=True)])
 
     def forward(self, views: ArrayLike, volume: SparseVolume) -> NDArray[np.float32]:
         """The volume's light in several views, (views, lens)."""
@@ -81,12 +86,58 @@ class CamerasAround:
         """Multiply each voxel by 1 plus the share-weighted sum of ``corrections``, or empty it."""
         correct(volume, self.gather(views, corrections, volume), np.size(views))
 
-    def left_by_all(self, volumes: Sequence[SparseVolume]) -> SparseVolume:
+    def visible_voxels(self) -> SparseVolume:
+        """The voxels that the middle of every camera's aperture sees, each of value 1."""
+        return self._in_all([p.visible_voxels() for p in self.projectors])
+
+    def candidates(self, most: NDArray[np.float32], particle: ArrayLike) -> SparseVolume:
+        """The voxels that are candidates of every camera (``PlenopticProjector.candidates``); ``particle``: counts in
+        each camera, or one number for all."""
+        each = self.each_camera(most)
+        counts = np.broadcast_to(particle, len(each))
+        return self._in_all([p.candidates(own, count) for (p, own), count in zip(each, counts, strict=True)])
+
+    @property
+    def passage(self) -> int:
+        """Rows of voxels that the light of one pixel of any camera crosses, at the most.
+
+        Raises PlenoPIVError where rows are not rows to one of the cameras.
+        """
+        self._check_rows()
+        return max(p.passage for p in self.projectors)
+
+    def tile(self, low: int, high: int) -> SeveralCameras:
+        """The same cameras with rows low <= j < high of the voxels; ``seen`` only where no light comes from others.
+
+        Raises PlenoPIVError where rows are not rows to one of the cameras.
+        """
+        rows = self.grid.shape[1]
+        if (low, high) == (0, rows):
+            return self
+        self._check_rows()
+        own = [(low, high) if pose.axes[1] > 0 else (rows - high, rows - low) for pose in self.poses]
+        parts = [p.tile(*limits) for p, limits in zip(self.projectors, own, strict=True)]
+        return SeveralCameras(self.grid.rows(low, high), parts, self.poses)
+
+    def each_camera(self, values: NDArray) -> list[tuple[Projection, NDArray]]:
+        """The cameras, with their parts of ``values`` (view, lens)."""
+        bounds = zip(self.projectors, self._first[:-1], self._first[1:], strict=True)
+        return [(p, values[first:end, : p.layout.lenses]) for p, first, end in bounds]
+
+    def _check_rows(self) -> None:
+        for number, pose in enumerate(self.poses, 1):
+            if abs(pose.axes[1]) != 2:
+                raise PlenoPIVError(
+                    f"camera {number}: its y is not the volume's, so that tiles along y do not divide what it sees; "
+                    "reconstruct the volume as a whole, or a smaller one"
+                )
+
+    def _in_all(self, volumes: Sequence[SparseVolume]) -> SparseVolume:
         """The voxels that are in every one of ``volumes``, a list of each camera in its own order; values are 1."""
-        left = np.ones(self.grid.shape, bool)
+        common = np.ones(self.grid.shape, bool)
         for volume, pose in zip(volumes, self.poses, strict=True):
-            left &= pose.inverse().planes(volume.mask())
-        return SparseVolume.from_mask(self.grid, left)
+            common &= pose.inverse().planes(volume.mask())
+        return SparseVolume.from_mask(self.grid, common)
 
     def _stacked(self, each: Sequence[NDArray]) -> NDArray:
         out = np.zeros((self.views, self._lenses), each[0].dtype)

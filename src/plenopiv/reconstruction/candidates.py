@@ -1,21 +1,33 @@
-"""Dense ray tracing (DRT): which voxels can hold a particle at all (paper, section 3, Fig. 8).
+"""Candidates: which voxels can hold a particle at all, and the light that MART starts with.
 
-The paper multiplies the values of all pixels that a voxel's rays reach and keeps the voxel where the product is not
-zero. But a particle of E counts does not only light its pixels: it gives each of them at least w E. The least I / w
-over a voxel's pixels therefore bounds the light that it can hold. A voxel stays where that bound, each pixel taken
-NOISE_MARGIN standard deviations of its noise brighter than measured, reaches the faintest particle looked for.
+Plenoptic cameras: dense ray tracing (DRT; paper, section 3, Fig. 8). The paper multiplies the values of all pixels that
+a voxel's rays reach and keeps the voxel where the product is not zero. But a particle of E counts does not only light
+its pixels: it gives each of them at least w E. The least I / w over a voxel's pixels therefore bounds the light that it
+can hold. A voxel stays where that bound, each pixel taken NOISE_MARGIN standard deviations of its noise brighter than
+measured, reaches the faintest particle looked for. The product is the bound "> 0"; both are here (``"bound"``,
+``"product"``). Of several cameras each judges by itself; what all of them keep stays.
 
-The product is the bound "> 0"; both are here (``"bound"``, ``"product"``).
+Pinhole cameras: multiplied lines of sight (MLOS; Atkinson & Soria 2009). Voxels that are dark in any camera are left
+out, the others start from the product of what the cameras show there.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import LightField
-from plenopiv.projection.plenoptic.projector import Projector
+from plenopiv.projection.pinhole.projector import PinholeProjector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
+from plenopiv.projection.protocol import Projection
 from plenopiv.reconstruction.noise import Noise
+from plenopiv.reconstruction.settings import ReconstructionSettings
+from plenopiv.volume import SparseVolume
 
 LIT_MULTIPLE = 3.0  # a lit pixel stands this many standard deviations of the dark noise above the black level
 BRIGHT_SHARE = 0.03  # and this share of what the image's bright pixels (90th percentile) hold
@@ -23,6 +35,91 @@ NOISE_MARGIN = 2.0
 LONE, CROWDED = 0.2, 0.4  # share of the typical particle that the faintest one holds, in the dark and in a crowd
 CROWD = 0.3  # share of the pixels that are lit from which on particles crowd
 APART = 8  # microlenses: further than a particle's light spreads in one view
+CLEARLY = 2.0  # thresholds: noise alone does not reach so high
+FEWEST_LIT = 1e-4  # share of such pixels below which a frame counts as empty
+LIT_SHARE = 0.05  # of what the light's pixels hold on average: a lit pixel of a pinhole camera has more
+SMALLEST_THRESHOLD = 1.0  # counts
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """The voxels that MART starts from.
+
+    ``volume``: their values are the first guess of their light, or 1 where there is none. ``threshold`` counts, and
+    ``particle`` counts of a typical particle in a pixel that it lights wholly in focus (0 where it was not measured),
+    both the mean over cameras.
+    """
+
+    volume: SparseVolume
+    threshold: float
+    particle: float
+
+
+def find_candidates(
+    values: NDArray[np.float32],
+    projection: Projection,
+    settings: ReconstructionSettings,
+    noises: Sequence[Noise],
+    name: str,
+) -> Candidates:
+    """The candidates of a frame ``values`` (view, pixel) in counts; ``noises``: of the pixels of each camera
+    (``Projection.each_camera``).
+
+    Raises:
+        PlenoPIVError: the frame ``name`` shows no particles, or the method is not one of these cameras.
+    """
+    if settings.method == "mlos-mart":
+        if not isinstance(projection, PinholeProjector):
+            raise PlenoPIVError('reconstruction.method: "mlos-mart" is for pinhole cameras; use "drt-mart"')
+        threshold = lit_above(values, noises[0]) if settings.threshold is None else settings.threshold
+        return Candidates(projection.candidates(values, threshold), threshold, 0.0)
+    limits = np.full(values.shape, np.inf, np.float32)
+    lights, thresholds, particles = list[float](), list[float](), list[float]()
+    each = zip(projection.each_camera(values), projection.each_camera(limits), noises, strict=True)
+    for number, ((camera, own), (_, most), noise) in enumerate(each, 1):
+        if not isinstance(camera, PlenopticProjector):
+            raise PlenoPIVError(f'reconstruction.method: "{settings.method}" is for plenoptic cameras; use "mlos-mart"')
+        label = name if len(noises) == 1 else f"{name}, camera {number}"
+        most[:], *rule = light_rule(LightField(camera.layout, own), camera, settings, noise, label)
+        for values_of_all, value in zip((lights, thresholds, particles), rule, strict=True):
+            values_of_all.append(value)
+    volume = projection.visible_voxels() if settings.method == "mart" else projection.candidates(limits, lights)
+    return Candidates(volume, float(np.mean(thresholds)), float(np.mean(particles)))
+
+
+class LightRule(NamedTuple):
+    """What makes a voxel a candidate of one camera: a particle of ``light`` counts in it gives no pixel more than
+    ``most`` (view, lens). ``threshold`` and ``particle`` as in ``Candidates``."""
+
+    most: NDArray[np.float32] | np.float32
+    light: float
+    threshold: float
+    particle: float
+
+
+def light_rule(
+    lightfield: LightField, projector: PlenopticProjector, settings: ReconstructionSettings, noise: Noise, name: str
+) -> LightRule:
+    """The rule of one plenoptic camera for the frame ``name``.
+
+    Raises:
+        PlenoPIVError: the frame shows no particles.
+    """
+    threshold = lit_threshold(lightfield, noise) if settings.threshold is None else settings.threshold
+    clearly_lit = np.count_nonzero(lightfield.values > CLEARLY * threshold)
+    if clearly_lit < FEWEST_LIT * np.count_nonzero(lightfield.layout.seen):
+        raise PlenoPIVError(
+            f"{name}: no particles: hardly a pixel is {CLEARLY * threshold:.0f} counts above the black level; "
+            "check the exposure, sensor.black_level and reconstruction.threshold"
+        )
+    if settings.method == "mart":
+        return LightRule(np.float32(np.inf), 0.0, threshold, 0.0)
+    if settings.candidates == "product":
+        return LightRule(dark_to_light(lightfield, threshold), 1.0, threshold, 0.0)
+    particle = typical_particle(lightfield, projector, noise) * projector.light_in_focus
+    if settings.threshold is None:
+        threshold = max(faintest_share(lightfield, particle) * particle, threshold)
+    return LightRule(most_light(lightfield, noise), threshold / projector.light_in_focus, threshold, particle)
 
 
 def lit_threshold(lightfield: LightField, noise: Noise) -> float:
@@ -56,7 +153,7 @@ def faintest_share(lightfield: LightField, particle: float) -> float:
     return LONE + (CROWDED - LONE) * min(lit / CROWD, 1.0)
 
 
-def typical_particle(lightfield: LightField, projector: Projector, noise: Noise) -> float:
+def typical_particle(lightfield: LightField, projector: PlenopticProjector, noise: Noise) -> float:
     """Light of a particle, in counts, all its pixels together, from the pixels' variance and mean.
 
     Particles strewn at random with density n give a pixel the mean n <E> sum(w) and the variance n <E^2> sum(w^2)
@@ -66,7 +163,7 @@ def typical_particle(lightfield: LightField, projector: Projector, noise: Noise)
     """
     where = lightfield.layout
     saturation = where.camera.sensor.full_scale - where.camera.sensor.black_level
-    total, squares, _ = projector.sharpness().T
+    total, squares, _ = projector.weight_sums().T
     light = projector.light_of_planes().astype(np.float64)
     step_sums, mean_sums, count = 0.0, 0.0, 0
     for view in projector.whole_views:
@@ -84,3 +181,12 @@ def typical_particle(lightfield: LightField, projector: Projector, noise: Noise)
     variance = 0.5 * step_sums / count - noise.dark**2 - noise.counts_per_electron * mean
     typical = variance / mean * (light @ total) / (light**2 @ squares)
     return max(float(typical), 0.0)
+
+
+def lit_above(values: NDArray[np.float32], noise: Noise) -> float:
+    """The count above which a line of sight is lit: three times the dark noise, a twentieth of the light's mean pixel
+    (sum I^2 / sum I, which does not depend on how many particles there are while they do not overlap), and 1 at
+    least."""
+    light = np.maximum(values, 0.0)
+    mean = float(np.sum(light**2, dtype=np.float64)) / max(float(np.sum(light, dtype=np.float64)), 1.0)
+    return max(LIT_MULTIPLE * noise.dark, LIT_SHARE * mean, SMALLEST_THRESHOLD)

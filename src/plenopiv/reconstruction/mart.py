@@ -2,19 +2,19 @@
 
 MART multiplies each voxel by (I / (w E))^(mu w) for one pixel after the other. The pixels of one *view* look through
 one portion of the main lens, and a voxel's light in a view reaches only the microlenses around one point. Where it
-reaches a single one, no two pixels of the view share a voxel, and correcting all of them at once is pixel-by-pixel
-MART exactly. Where the light is split among neighbours, the voxel takes the share-weighted mean of their corrections,
+reaches a single microlens, no two pixels of the view share a voxel, and correcting all of them at once is exactly
+pixel-by-pixel MART. Where the light is split among neighbours, the voxel takes the weighted mean of their corrections,
 
     E <- E (1 + sum_S w_S ((I_S / P_S)^mu - 1)),      sum_S w_S <= 1,
 
 the arithmetic form of the product of powers; like it, it leaves E alone where P = I, and it keeps E >= 0.
 
-Of a few views whose exponents mu sum to no more than two, corrections are added to one another and applied at once.
-That the second would have found the volume a little better after the first makes no difference that can be measured
-(beyond two, where a relaxed iteration no longer converges, it does), and voxels are spread into maps and gathered once
-for all of them.
+The corrections of a few views whose exponents mu sum to no more than two are added and applied at once. That the second
+view would have seen the volume a little better after the first makes no difference that can be measured (beyond two,
+where a relaxed iteration no longer converges, it does), and voxels are spread into maps and gathered once for all of
+them.
 
-Of several cameras around a volume (Tomo-PIV) each is a view, and its pixels are what is called lenses here.
+Of several pinhole cameras around a volume (Tomo-PIV) each is a view.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Progress = Callable[[int, int], None]
 
 def mart(
     values: NDArray[np.float32],
-    projector: Projection,
+    projection: Projection,
     volume: SparseVolume,
     *,
     iterations: int,
@@ -47,17 +47,17 @@ def mart(
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> tuple[SparseVolume, list[float]]:
-    """The volume, among the voxels of ``volume``, whose views are ``values`` (view, lens), in counts.
+    """The volume, among the voxels of ``volume``, whose views are ``values`` (view, pixel), in counts.
 
     ``floor`` (counts, the dark noise) is added to measured and projected light, so that a pixel's noise does not empty
-    a voxel. Views come in a new random order each round, as neighbours say nearly the same, and as many at once as
-    their exponents allow, TOGETHER at most. The first round, which has to find where light is, takes twice that
-    exponent. Every few views voxels that hold no more than ``thin`` of the mean are left out: less of it during the
-    first round, in proportion to the views that have spoken, and none in the last of several, which shares out their
-    light. ``overwrite``: work in the memory of ``volume``, which is of no use afterwards. Returns the volume and the
-    RMS residual, in counts, that each round met.
+    a voxel. Views are used in a new random order in each iteration, as neighbours are nearly redundant, and as many at
+    once as their exponents allow, TOGETHER at most. The first iteration, which has to find where light is, takes twice
+    the exponent ``relaxation``. Every few views voxels that hold no more than ``thin`` of the mean are left out: less
+    of it during the first iteration, in proportion to the views already used, and none in the last of several, which
+    distributes their light. ``overwrite``: work in the memory of ``volume``, which is of no use afterwards. Returns the
+    volume and, for each iteration, the RMS residual in counts, each view's before it was corrected.
     """
-    seen = projector.seen
+    seen = projection.seen
     measured = np.maximum(values, 0.0) + np.float32(floor)
     rng = np.random.default_rng(seed)
     residuals = []
@@ -65,19 +65,19 @@ def mart(
     for done in range(iterations):
         squares, power = 0.0, min(relaxation * (2 if done == 0 else 1), 1.0)
         together = min(TOGETHER, int(2 / power + 1e-6)) if power < 1 else 1
-        order, spoken = rng.permutation(projector.views), 0
-        while spoken < order.size:
-            views = order[spoken : spoken + together]
-            light = np.maximum(projector.forward(views, working), 0.0)  # outer products may leave a little less
+        order, used = rng.permutation(projection.views), 0
+        while used < order.size:
+            views = order[used : used + together]
+            light = np.maximum(projection.forward(views, working), 0.0)  # outer products may leave a little less
             ratio = measured[views] / (light + np.float32(floor))
             squares += float(np.sum(((values[views] - light) * seen[views]) ** 2, dtype=np.float64))
-            projector.multiply(views, np.where(seen[views], ratio**power - 1.0, 0.0), working)
-            before, spoken = spoken, spoken + views.size
-            if spoken // THIN_EVERY > before // THIN_EVERY and done < max(iterations - 1, 1):
-                share = thin * min(done + spoken / order.size, 1.0)
+            projection.multiply(views, np.where(seen[views], ratio**power - 1.0, 0.0), working)
+            before, used = used, used + views.size
+            if used // THIN_EVERY > before // THIN_EVERY and done < max(iterations - 1, 1):
+                share = thin * min(done + used / order.size, 1.0)
                 least = share * float(working.values.mean(dtype=np.float64))
                 working = keeping(working, working.values > least, overwrite=True)
             if progress:
-                progress(done * order.size + spoken, iterations * order.size)
+                progress(done * order.size + used, iterations * order.size)
         residuals.append((squares / max(int(seen.sum()), 1)) ** 0.5)
     return keeping(working, working.values > 0), residuals

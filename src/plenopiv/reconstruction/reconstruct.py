@@ -1,33 +1,29 @@
-"""From a light field to a volume: candidates, MART, and the voxels that hold light."""
+"""From one frame to a volume: candidates, MART, and the voxels that hold light. The same for all cameras.
+
+What differs between plenoptic cameras, several of them and pinhole cameras is the projection, and which voxels MART
+starts from (``candidates``). MLOS-MART of pinhole cameras is after Atkinson & Soria (2009).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.lightfield import LightField
-from plenopiv.projection.plenoptic.projector import Projector
 from plenopiv.projection.protocol import Projection
-from plenopiv.reconstruction.candidates import (
-    dark_to_light,
-    faintest_share,
-    lit_threshold,
-    most_light,
-    typical_particle,
-)
+from plenopiv.reconstruction.candidates import find_candidates
 from plenopiv.reconstruction.mart import Progress, mart
-from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, Noise, dark_noise
+from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, Noise, noise_below
 from plenopiv.reconstruction.settings import ReconstructionSettings
+from plenopiv.reconstruction.tiles import Tile
 from plenopiv.volume import SparseVolume
 
-CLEARLY = 2.0  # thresholds: noise alone does not reach so high
-FEWEST_LIT = 1e-4  # share of such pixels below which a frame counts as empty
 SMALLEST_FLOOR = 0.5  # counts: digitisation alone leaves 0.3
-THIN = 0.3  # of the mean voxel: fainter ones are left out
+THIN = 0.3  # of the mean voxel of a plenoptic camera: fainter ones are left out
 
 
 @dataclass(frozen=True)
@@ -35,8 +31,8 @@ class Reconstruction:
     """A reconstructed volume and how it was reached.
 
     ``threshold`` counts, ``particle`` counts of a typical particle in a pixel that it lights wholly in focus (0 where
-    it was not measured), ``noise`` of the pixels; ``candidates`` the share of voxels that DRT left; ``residuals`` RMS
-    in counts met by each round.
+    it was not measured), ``noise`` of the pixels; ``candidates`` the share of voxels that MART started from;
+    ``residuals`` RMS in counts before each iteration. Means over cameras and tiles.
     """
 
     volume: SparseVolume
@@ -48,95 +44,98 @@ class Reconstruction:
 
 
 def reconstruct(
-    lightfield: LightField,
-    projector: Projector,
+    values: NDArray[np.float32],
+    projection: Projection,
     settings: ReconstructionSettings,
     *,
     counts_per_electron: float = NO_WHITE_IMAGE,
+    tiles: Sequence[Tile] = (),
     name: str = "frame",
     progress: Progress | None = None,
 ) -> Reconstruction:
-    """Reconstruct one frame. ``counts_per_electron``: of its shot noise (``noise.counts_per_electron``).
+    """Reconstruct one frame ``values`` (view, pixel), in counts above the black level (``Projection.values_of``).
+
+    ``counts_per_electron``: of its shot noise (``noise.counts_per_electron``). ``tiles``: rows of voxels to be
+    reconstructed one after the other (``tiles.cut``); none: the whole volume at once.
 
     Raises:
-        PlenoPIVError: the frame ``name`` shows no particles.
+        PlenoPIVError: the frame ``name`` shows no particles, or none that all cameras see in the same place.
     """
-    noise = Noise(dark_noise(lightfield), counts_per_electron)
-    left = left_by_tracing(lightfield, projector, settings, noise, name)
-    some_left(left.volume, left.threshold, name)
-    share = left.volume.occupancy
-    volume, residuals = corrected(lightfield.values, projector, left.volume, settings, noise, progress)
-    return Reconstruction(volume, left.threshold, left.particle, noise, share, residuals)
+    grid, rows = projection.grid, projection.grid.shape[1]
+    darks = [noise_below(own[camera.seen]) for camera, own in projection.each_camera(values)]
+    noises = [Noise(dark, counts_per_electron) for dark in darks]
+    noise = Noise(float(np.mean(darks)), counts_per_electron)
+    tiles = tiles or [Tile(0, rows, 0, rows)]
+    parts, measured, listed = list[SparseVolume](), list[tuple[float, float]](), 0
+    squares, equations = np.zeros(settings.iterations), 0
+    for number, tile in enumerate(tiles):
+        own = projection.tile(tile.low, tile.high)
+        found = find_candidates(values, own, settings, noises, name)
+        volume = found.volume
+        if here := tile.listed(volume):
+            of_all = None if progress is None else partial(_of_all, progress, number, len(tiles))
+            times = len(noises) * rows / (tile.high - tile.low)
+            volume, residuals = _corrected(values, own, volume, settings, noise, times, of_all)
+            count = int(np.count_nonzero(own.seen))
+            squares, equations = squares + np.square(residuals) * count, equations + count
+        parts.append(tile.own_rows(volume))
+        measured.append((found.threshold, found.particle))
+        listed += here
+    together = SparseVolume.stacked(grid, parts) if len(parts) > 1 else parts[0]
+    threshold, particle = (float(value) for value in np.mean(measured, axis=0))
+    if listed == 0:
+        raise PlenoPIVError(_no_candidates(settings, len(noises), threshold, name))
+    found_residuals = tuple(np.sqrt(squares / equations).tolist())
+    return Reconstruction(together, threshold, particle, noise, listed / grid.size, found_residuals)
 
 
-class Left(NamedTuple):
-    """Voxels to start from, the rest as in ``Reconstruction``."""
-
-    volume: SparseVolume
-    threshold: float
-    particle: float
-
-
-def left_by_tracing(
-    lightfield: LightField, projector: Projector, settings: ReconstructionSettings, noise: Noise, name: str
-) -> Left:
-    """The voxels that dense ray tracing leaves of one camera's frame, or all that it sees.
-
-    Raises:
-        PlenoPIVError: the frame ``name`` shows no particles.
-    """
-    threshold = lit_threshold(lightfield, noise) if settings.threshold is None else settings.threshold
-    clearly_lit = np.count_nonzero(lightfield.values > CLEARLY * threshold)
-    if clearly_lit < FEWEST_LIT * np.count_nonzero(lightfield.layout.seen):
-        raise PlenoPIVError(
-            f"{name}: no particles: hardly a pixel is {CLEARLY * threshold:.0f} counts above the black level; "
-            "check the exposure, sensor.black_level and reconstruction.threshold"
-        )
-    particle = 0.0
-    if settings.method == "mart":
-        volume = projector.seen_voxels()
-    elif settings.candidates == "product":
-        volume = projector.voxels_within(dark_to_light(lightfield, threshold), 1.0)
-    else:
-        particle = typical_particle(lightfield, projector, noise) * projector.light_in_focus
-        if settings.threshold is None:
-            threshold = max(faintest_share(lightfield, particle) * particle, threshold)
-        volume = projector.voxels_within(most_light(lightfield, noise), threshold / projector.light_in_focus)
-    return Left(volume, threshold, particle)
-
-
-def some_left(volume: SparseVolume, threshold: float, name: str) -> None:
-    """Raise PlenoPIVError where a frame's volume lists no voxel."""
-    if volume.column.size == 0:
-        raise PlenoPIVError(
-            f"{name}: dense ray tracing leaves no voxel; lower reconstruction.threshold ({threshold:.0f} counts) "
-            'or use reconstruction.method = "mart"'
-        )
-
-
-def corrected(
+def _corrected(
     values: NDArray[np.float32],
-    projector: Projection,
+    projection: Projection,
     volume: SparseVolume,
     settings: ReconstructionSettings,
     noise: Noise,
-    progress: Progress | None = None,
-    times: float = 1.0,
-) -> tuple[SparseVolume, tuple[float, ...]]:
-    """MART on the listed voxels, which all start with the same light, and the residual of each round. ``times``: how
-    often ``values`` hold the volume's light, as of several cameras; ``noise``: of their pixels."""
-    light = float(values.sum(dtype=np.float64)) / times
-    volume.values[:] = max(light, 1.0) / volume.column.size
-    volume, residuals = mart(
+    times: float,
+    progress: Progress | None,
+) -> tuple[SparseVolume, list[float]]:
+    """MART on the listed voxels, and the residual of each iteration. Without a first guess they all start with the same
+    light; ``values`` hold the volume's light so many ``times``, as of several cameras."""
+    lines_of_sight = settings.method == "mlos-mart"
+    if not lines_of_sight:
+        light = float(values.sum(dtype=np.float64)) / times
+        volume.values[:] = max(light, 1.0) / volume.column.size
+    return mart(
         values,
-        projector,
+        projection,
         volume,
         iterations=settings.iterations,
         relaxation=settings.relaxation,
         floor=max(noise.dark, SMALLEST_FLOOR),
-        thin=THIN,
+        thin=0.0 if lines_of_sight else THIN,
         seed=settings.seed,
         overwrite=True,
         progress=progress,
     )
-    return volume, tuple(residuals)
+
+
+def _no_candidates(settings: ReconstructionSettings, cameras: int, threshold: float, name: str) -> str:
+    """Why nothing is left, and the way out."""
+    if settings.method == "mlos-mart":
+        return (
+            f"{name}: no particles: nowhere do lines of sight above {threshold:.3g} counts of all cameras cross; check "
+            "the calibration, the images' order and orientation, and the threshold"
+        )
+    if cameras > 1:
+        return (
+            f"{name}: no voxel is a candidate of all cameras; check how they are mounted, that the frames belong "
+            f"together, and reconstruction.threshold ({threshold:.0f} counts)"
+        )
+    return (
+        f"{name}: dense ray tracing leaves no voxel; lower reconstruction.threshold ({threshold:.0f} counts) "
+        'or use reconstruction.method = "mart"'
+    )
+
+
+def _of_all(progress: Progress, number: int, count: int, done: int, total: int) -> None:
+    """Report the progress of one of several tiles as that of all."""
+    progress(number * total + done, count * total)

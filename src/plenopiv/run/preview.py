@@ -1,8 +1,9 @@
 """A first look at the velocities: the middle of the field, coarsely, in well under a minute.
 
 The sensor's middle is cut out of the white image and of two frames, the volume to what all views of it see, voxels are
-twice as wide in the plane and windows half as many voxels, and fewer rounds are made. What follows is ``run.frames``
-on an experiment of its own, which stays beside the result with its images: a small recording to try settings on.
+twice as wide in the plane and windows half as many voxels, and there are fewer iterations. What follows is
+``run.series`` on an experiment of its own, which stays beside the result with its images: a small recording to try
+settings on.
 """
 
 from __future__ import annotations
@@ -23,13 +24,14 @@ from plenopiv.design.advice import Limits, Window
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.report.figures import png, velocity_figure
-from plenopiv.run.frames import Progress, RunResult, run
+from plenopiv.run.pair import Progress
+from plenopiv.run.series import RunResult, run
 from plenopiv.sensor import Sensor, middle, middle_of
 from plenopiv.volume import VoxelGrid
 
 WIDER = 2.0  # voxels in the plane
 WINDOWS_ACROSS = 3.0  # last windows along x and y, as the experiment has them
-ROUNDS, FINE_PASSES = 3, 2
+ITERATIONS, FINE_PASSES = 3, 2
 SMALLEST = 8  # voxels of a window's side
 FOLDER, IMAGES = "preview", "images"
 HELD = {"velocity.nc", "preview.png", "summary.json", "report.html", "experiment.toml", IMAGES}
@@ -102,7 +104,7 @@ def cropped(experiment: Experiment) -> tuple[Sensor, dict[str, Any]]:
     if "white" in tables["recording"]:
         tables["recording"]["white"] = "white.tif"
     tables["volume"] |= {"x_mm": list(limits[0]), "y_mm": list(limits[1]), "voxel_mm": list(voxel)}
-    tables["reconstruction"]["iterations"] = min(ROUNDS, experiment.reconstruction.iterations)
+    tables["reconstruction"]["iterations"] = min(ITERATIONS, experiment.reconstruction.iterations)
     tables["correlation"]["windows"] = _windows(
         experiment.correlation.windows, (limits[0], limits[1], volume.z_mm), voxel
     )

@@ -13,6 +13,7 @@ pixels, computed when they are needed, with the shape that it has at the volume'
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import ceil
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +23,7 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.projection.correction import correct
 from plenopiv.projection.pinhole import kernels
 from plenopiv.projection.pinhole.kernels import Sight
+from plenopiv.projection.protocol import Projection
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
 
@@ -49,6 +51,7 @@ class PinholeProjector:
         for number, camera in enumerate(self.cameras, 1):
             _check_view(camera, grid, f"camera {number}")
         self.pixels = [camera.sensor.columns * camera.sensor.rows for camera in cameras]
+        self._equations: NDArray[np.bool_] | None = None  # of a tile; every pixel otherwise
         self._sights = [sight_of(camera, grid) for camera in self.cameras]
 
     @property
@@ -58,10 +61,12 @@ class PinholeProjector:
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """(camera, pixel): where there is a pixel."""
+        """(camera, pixel): where there is an equation."""
+        if self._equations is not None:
+            return self._equations
         return np.arange(max(self.pixels)) < np.array(self.pixels)[:, None]
 
-    def views_of(self, images: Sequence[NDArray]) -> NDArray[np.float32]:
+    def values_of(self, images: Sequence[NDArray]) -> NDArray[np.float32]:
         """Upright images (rows, columns) in counts as (camera, pixel) above the black level.
 
         Raises PlenoPIVError where their number or a shape is not that of the cameras.
@@ -112,13 +117,19 @@ class PinholeProjector:
         about = self._sights[view], self.grid.shape[1], *listed, image.astype(np.float32), multiply, out
         in_threads(kernels.gather, CHUNKS, *about)
 
-    def lit_in_every_camera(self, images: NDArray[np.float32], threshold: float) -> SparseVolume:
-        """The voxels whose shadow meets more than ``threshold`` counts in every camera of ``images`` (camera, pixel).
+    def visible_voxels(self) -> SparseVolume:
+        """The voxels whose centre every camera sees, each of value 1."""
+        volume = self.candidates(np.ones((self.views, max(self.pixels)), np.float32), 0.0)
+        return volume.with_values(np.ones_like(volume.values))
 
-        Multiplied line of sight (Atkinson & Soria 2009, Exp. Fluids 47:553-568). Their values are the cameras' counts
-        there, multiplied, to the power of 1 over the number of cameras. Voxels that a camera does not see are not
-        among them.
+    def candidates(self, most: NDArray[np.float32], particle: ArrayLike) -> SparseVolume:
+        """The voxels whose shadow meets more than ``particle`` counts of ``most`` (camera, pixel) in every camera.
+
+        Multiplied line of sight (MLOS; Atkinson & Soria 2009, Exp. Fluids 47:553-568): a particle in focus lights about
+        one pixel. The voxels' values are the cameras' counts there, multiplied, to the power of 1 over the number of
+        cameras. Voxels that a camera does not see are not among them.
         """
+        threshold = float(np.max(particle))
         nz, ny, nx = self.grid.shape
         values: list[NDArray[np.float32]] = []
 
@@ -126,7 +137,7 @@ class PinholeProjector:
             for lo in range(0, nz, SLAB):
                 shape = (min(SLAB, nz - lo), ny, nx)
                 least, product = np.full(shape, np.inf, np.float32), np.ones(shape)
-                for sight, image in zip(self._sights, images, strict=True):
+                for sight, image in zip(self._sights, most, strict=True):
                     in_threads(kernels.least_along_sight, shape[0], sight, lo, image, least, product)
                 lit = least > threshold
                 values.append((product[lit] ** (1 / self.views)).astype(np.float32))
@@ -134,6 +145,50 @@ class PinholeProjector:
 
         volume = SparseVolume.from_planes(self.grid, planes())
         return volume.with_values(np.concatenate(values))
+
+    @property
+    def passage(self) -> int:
+        """Rows of voxels that one line of sight crosses between the first plane and the last, at the most, with a
+        shadow's width."""
+        crossed = max(float(np.ptp(rows, axis=0).max()) for rows in map(self._rows_met, range(self.views)))
+        return ceil(crossed + 2 * self._half_width)
+
+    def tile(self, low: int, high: int) -> PinholeProjector:
+        """The same cameras with rows low <= j < high of the voxels; ``seen`` only where a line of sight meets no
+        others."""
+        rows = self.grid.shape[1]
+        if (low, high) == (0, rows):
+            return self
+        part = PinholeProjector(self.cameras, self.grid.rows(low, high))
+        first = part._half_width if low else -np.inf
+        last = high - low - 1 - part._half_width if high < rows else np.inf
+        part._equations = np.zeros_like(self.seen)
+        for view, count in enumerate(self.pixels):
+            met = part._rows_met(view)
+            part._equations[view, :count] = ((met >= first) & (met <= last)).all(0)
+        return part
+
+    def each_camera(self, values: NDArray) -> list[tuple[Projection, NDArray]]:
+        """All of them together, since lines of sight of several cameras make a candidate."""
+        return [(self, values)]
+
+    def _rows_met(self, view: int) -> NDArray[np.float64]:
+        """Rows of voxels (2, pixel) that a camera's lines of sight meet in the first and in the last plane."""
+        camera, z = self.cameras[view], self.grid.axes()[2]
+        column, row = np.meshgrid(np.arange(camera.sensor.columns), np.arange(camera.sensor.rows))
+        pixels = np.stack([column, row], -1).reshape(-1, 2)
+        y = np.stack([camera.on_plane(pixels, depth)[:, 1] for depth in z[[0, -1]]])
+        return (y - self.grid.first_mm[1]) / self.grid.voxel_mm[1]
+
+    @property
+    def _half_width(self) -> float:
+        """Half of a voxel's shadow and of a pixel, in rows of voxels."""
+        centre = np.array([0.5 * (lo + hi) for lo, hi in self.grid.limits_mm()])
+        step, widths = np.array([0.0, self.grid.voxel_mm[1], 0.0]), []
+        for camera, sight in zip(self.cameras, self._sights, strict=True):
+            row_px = float(np.hypot(*(camera.project(centre + step) - camera.project(centre))))
+            widths.append((max(sight.half_column, sight.half_row) + 0.5) / row_px)
+        return max(widths)
 
     def _row_chunks(self, volume: SparseVolume) -> NDArray[np.int64]:
         """Bounds of CHUNKS runs of rows with about as many listed voxels each."""

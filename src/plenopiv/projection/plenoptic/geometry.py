@@ -74,8 +74,14 @@ def planes(camera: PlenopticCamera, grid: VoxelGrid) -> NDArray[np.float32]:
     return np.stack([np.broadcast_to(c, z.shape) for c in columns], -1).astype(np.float32)
 
 
+def column_of(table: NDArray[np.float32], *names: str) -> NDArray[np.float32]:
+    """What ``planes`` has under a name of ``Plane``, (nz,), or under several, (nz, names)."""
+    index = [Plane._fields.index(name) for name in names]
+    return table[:, index[0]] if len(index) == 1 else table[:, index]
+
+
 class CameraConstants(NamedTuple):
-    """What does not change from plane to plane."""
+    """A camera and a grid: the numbers that are the same for every plane."""
 
     hexagonal: bool
     radius: np.float32  # of the aperture, pixels of q
@@ -89,7 +95,7 @@ class CameraConstants(NamedTuple):
 
 
 def camera_constants(camera: PlenopticCamera, grid: VoxelGrid) -> CameraConstants:
-    """The scalars of ``CameraConstants``."""
+    """The ``CameraConstants`` of a camera and a grid."""
     lattice, f = camera.lattice, np.float32
     return CameraConstants(
         lattice.kind == "hexagonal",

@@ -73,7 +73,7 @@ def footprint_of(cam, plane, s, t, qx, qy):
 
 
 @part
-def sharpness(cam, plane):
+def weight_sums(cam, plane):
     """Over all places of a voxel in a plane, the integrals of its share of a pixel and of the share's square
     (cells^2), and the largest share."""
     wide, high = reach_of(cam, plane, np.int64(EXACT))
@@ -91,10 +91,10 @@ def sharpness(cam, plane):
 
 
 @kernel
-def sharpness_of_planes(begin, end, cam, table, out):
-    """``sharpness`` of planes ``begin`` to ``end`` of ``table`` into ``out`` (nz, 3)."""
+def weight_sums_of_planes(begin, end, cam, table, out):
+    """``weight_sums`` of planes ``begin`` to ``end`` of ``table`` into ``out`` (nz, 3)."""
     for k in range(begin, end):
-        out[k, 0], out[k, 1], out[k, 2] = sharpness(cam, plane_of(table, k))
+        out[k, 0], out[k, 1], out[k, 2] = weight_sums(cam, plane_of(table, k))
 
 
 @part
@@ -117,7 +117,7 @@ def summarise(where, left):
 
 
 @kernel
-def prune(
+def rule_out(
     begin, end, turns, cam, table, largest, rule, rim, offsets, order, lens_mm, phase, fill, bound, particle, blur,
     alive,
 ):  # fmt: skip

@@ -258,7 +258,7 @@ def gather_planes(
         top = first_line(shape, j)
 
 
-def room_of(shape, size):
+def workspace_of(shape, size):
     """Points of a strip of any plane's map: ``size``, or what two rows of voxels reach if that is more; and number and
     length of the lines of a row, as ``rows`` needs them."""
     most = 0
@@ -274,15 +274,15 @@ def of_plane(maps, k):
 
 
 @kernel
-def forward(begin, end, cam, table, first, maps, room, views, ny, row_start, column, values, partial):
+def forward(begin, end, cam, table, first, maps, workspace, views, ny, row_start, column, values, partial):
     """Light of the listed voxels in the pixels of views. Planes ``first[g]`` to ``first[g + 1]`` share one map, seen
     as ``table[g]`` is (``maps.Read``). Each row of ``partial`` (RUNS, count) takes that of some of them; rows ``begin``
-    to ``end`` are filled. ``room``: as ``room_of`` tells it."""
+    to ``end`` are filled. ``workspace``: as ``workspace_of`` tells it."""
     count, maps, views = first.size - 1, borrowed(maps), borrowed(views)
     row_start, column, values, partial = borrowed((row_start, column, values, partial))
     for c in range(begin, end):
         partial[c] = F(0)
-        strip, spare = np.empty(room[0], np.float32), np.empty((room[1], room[2]), np.float32)
+        strip, spare = np.empty(workspace[0], np.float32), np.empty((workspace[1], workspace[2]), np.float32)
         for g in range(FIRST[c], count, RUNS):  # far from focus and near it alike
             planes = first[g], first[g + 1]
             if row_start[planes[0] * ny] < row_start[planes[1] * ny]:
@@ -294,7 +294,7 @@ def forward(begin, end, cam, table, first, maps, room, views, ny, row_start, col
 
 @kernel
 def gather(
-    begin, end, cam, table, first, maps, room, views, ny, row_start, column, image, multiply, out
+    begin, end, cam, table, first, maps, workspace, views, ny, row_start, column, image, multiply, out
 ):  # fmt: skip
     """For each listed voxel the sum of ``image`` (count,) over the pixels of views, each by the share of a wholly lit
     pixel that the voxel gives it, into ``out``; with ``multiply``, their number, ``out`` times ``factor_of`` it.
@@ -302,7 +302,7 @@ def gather(
     count, maps, views = first.size - 1, borrowed(maps), borrowed(views)
     row_start, column, image, out = borrowed((row_start, column, image, out))
     for c in range(begin, end):
-        strip, spare = np.empty(room[0], np.float32), np.empty((room[1], room[2]), np.float32)
+        strip, spare = np.empty(workspace[0], np.float32), np.empty((workspace[1], workspace[2]), np.float32)
         for g in range(FIRST[c], count, RUNS):
             planes = first[g], first[g + 1]
             if row_start[planes[0] * ny] < row_start[planes[1] * ny]:

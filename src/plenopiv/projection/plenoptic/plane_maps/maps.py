@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import kernel
-from plenopiv.projection.plenoptic.geometry import Plane
+from plenopiv.projection.plenoptic.geometry import column_of
 from plenopiv.projection.plenoptic.pixel_weights import EXACT, area_of, box_of, plane_of
 from plenopiv.projection.plenoptic.plane_maps.simd import LANES
 from plenopiv.threads import in_threads
@@ -132,7 +132,7 @@ def in_twos(cam, found: Maps, table: NDArray[np.float32], first: int) -> Read:
     """Neighbouring planes off one map, half-way between them, where its points are more than a voxel apart and light at
     the aperture's rim moves less than MOVED from one to that middle: planes of even number with the next (``first``
     0), or with the one before (1)."""
-    steps = table[:, [Plane._fields.index("step_x"), Plane._fields.index("step_y")]]
+    steps = column_of(table, "step_x", "step_y")
     moved = np.abs(np.diff(steps, axis=0)) / 2 * cam.radius
     width = 2 * (found.border - 2) * (2.0 ** found.shape[:, 5] / found.shape[:, 4])[:, None]
     joined = (found.shape[1:] == found.shape[:-1]).all(1) & (found.border[1:] == found.border[:-1]).all(1)

@@ -19,7 +19,7 @@ PRODUCTS = 20  # of a listed voxel and its map, that take the time of a pixel of
 
 
 class MappedViews:
-    """Forward and back between the listed voxels of ``grid`` and the views of a camera (see ``Projector``).
+    """Forward and back between the listed voxels of ``grid`` and the views of a camera (see ``PlenopticProjector``).
 
     ``rows``, ``planes``, ``lens_mm``: the camera and the grid as ``geometry`` has them; ``rim``: the views (view,) with
     pixels that the aperture's rim cuts; ``across``: points of a map across a footprint.
@@ -38,10 +38,10 @@ class MappedViews:
         self.layout, self.grid, self.rim = layout, grid, rim
         self.rows, self.planes, self.lens_mm = rows, planes, lens_mm
         self.maps = maps(self.rows, self.planes, grid.shape, across)
-        self.room = kernels.room_of(self.maps.shape, kernels.STRIP)
+        self.workspace = kernels.workspace_of(self.maps.shape, kernels.STRIP)
         self.alone = single_planes(self.planes)
         self.in_twos = [in_twos(self.rows, self.maps, self.planes, first) for first in (0, 1)]
-        downwards = self.planes[0, geometry.Plane._fields.index("voxel_t")]
+        downwards = geometry.column_of(self.planes, "voxel_t")[0]
         self._by_row = np.argsort(np.sign(downwards) * self.lens_mm[:, 1], kind="stable")
         (_, ny, nx), self._ends = grid.shape, self.planes[[0, -1]]
         self._size = np.array([nx, ny, *widest(self.maps)], np.float32)
@@ -61,11 +61,12 @@ class MappedViews:
         return images
 
     def gather(
-        self, views: NDArray[np.int64], images: NDArray[np.float32], volume: SparseVolume, out: NDArray[np.float32]
-    ) -> None:
-        """For each listed voxel the sum of ``images`` (views, lens) over the pixels that it lights, each by its lit
-        share of the pixel, into ``out``."""
+        self, views: NDArray[np.int64], images: NDArray[np.float32], volume: SparseVolume
+    ) -> NDArray[np.float32]:
+        """For each listed voxel the sum of ``images`` (views, lens) over the pixels that it lights, by weights."""
+        out = np.zeros(volume.values.size, np.float32)
         self._gather(views, images, volume, 0, out)
+        return out
 
     def multiply(self, views: NDArray[np.int64], corrections: NDArray[np.float32], volume: SparseVolume) -> None:
         """Multiply the voxels by ``factor_of`` what ``gather`` gives of ``corrections``."""
@@ -75,7 +76,7 @@ class MappedViews:
         """The lenses whose pixels in views are equations and may meet a voxel, view by view, and those pixels."""
         last_seen = self._last  # of this caller, should there be several
         if last_seen is None or last_seen[0] != tuple(views):
-            first, last = self.planes[[0, -1], geometry.Plane._fields.index("spread")]
+            first, last = geometry.column_of(self.planes, "spread")[[0, -1]]
             lenses = [self._meeting(view) for view in views]
             start = np.cumsum([0, *(found.size for found in lenses)])
             pixels = np.empty((8, start[-1]), np.float32)
@@ -99,7 +100,7 @@ class MappedViews:
         return found
 
     def _kernel_arguments(self, views: NDArray[np.int64], volume: SparseVolume, pixels: Views):
-        about = self.maps, self.room, pixels, self.grid.shape[1]
+        about = self.maps, self.workspace, pixels, self.grid.shape[1]
         read = self.in_twos[views[0] % 2] if len(views) > 1 else self.alone  # either two, at random
         return self.rows, *read, *about, volume.row_start, volume.column
 

@@ -59,7 +59,7 @@ def apart(n, count):
 @part
 def spread_lines(factors, rank, shape, j, column, values, first, last, strip, line, spare):
     """Spread the listed voxels ``first`` to ``last`` of row j of a plane by its outer products; ``line``: where the
-    shares of the voxel in column 0 begin; ``spare``: room for a few lines."""
+    shares of the voxel in column 0 begin; ``spare``: working memory for a few lines."""
     _, width, rows, columns, points, shift = shape
     among = (1 << shift) - 1
     for r in range(rank):

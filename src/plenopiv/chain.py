@@ -1,0 +1,172 @@
+"""The measuring chain as plain data: images of a frame -> volume, two volumes -> displacement -> velocity.
+
+A run, a preview, the design twin, the paper's cases and the examples all call this. A ``Chain`` holds what does not
+change from frame to frame; it pickles, and gives the same bits on the other side.
+
+    chain = Chain((camera,), grid, counts_per_electron=gain)
+    a, b = (chain.reconstruct([image]).volume for image in pair)
+    field = chain.velocity(a, b, dt_s=0.5e-3)           # xarray, m/s on coordinates in mm
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.cameras.pinhole import PinholeCamera
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.cameras.pose import FRONT, Pose
+from plenopiv.displacement.field import DisplacementField
+from plenopiv.displacement.multigrid import measure
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.errors import PlenoPIVError
+from plenopiv.lightfield import layout
+from plenopiv.projection.pinhole.projector import PinholeProjector
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
+from plenopiv.projection.protocol import Projection
+from plenopiv.projection.several_cameras import SeveralCameras
+from plenopiv.reconstruction.focus import focus_weight
+from plenopiv.reconstruction.mart import Progress
+from plenopiv.reconstruction.noise import NO_WHITE_IMAGE
+from plenopiv.reconstruction.reconstruct import Reconstruction, reconstruct
+from plenopiv.reconstruction.settings import ReconstructionSettings
+from plenopiv.reconstruction.tiles import Tile
+from plenopiv.velocity import velocity_dataset
+from plenopiv.volume import SparseVolume, VoxelGrid
+
+if TYPE_CHECKING:
+    import xarray
+
+Camera = PlenopticCamera | PinholeCamera
+DEFAULT_RECONSTRUCTION, DEFAULT_CORRELATION = ReconstructionSettings(), CorrelationSettings()
+CorrelationProgress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """What a recording is measured with.
+
+    ``cameras``: one plenoptic camera, several around the volume, or two and more pinhole cameras, calibrated.
+    ``poses``: of several plenoptic cameras, how each stands; the first camera's frame is the object frame.
+    ``counts_per_electron``: of the pixels' shot noise. ``tiles``: rows of voxels to be reconstructed one after the
+    other, none for the whole volume at once.
+    """
+
+    cameras: tuple[Camera, ...]
+    grid: VoxelGrid
+    reconstruction: ReconstructionSettings = DEFAULT_RECONSTRUCTION
+    correlation: CorrelationSettings = DEFAULT_CORRELATION
+    counts_per_electron: float = NO_WHITE_IMAGE
+    poses: tuple[Pose, ...] = (FRONT,)
+    tiles: tuple[Tile, ...] = ()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields alone: the projection is made again where it is needed."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def with_tiles(self, tiles: Sequence[Tile]) -> Chain:
+        """The same, the volume reconstructed in ``tiles``; the projection is kept if it was made."""
+        other = replace(self, tiles=tuple(tiles))
+        if "projection" in self.__dict__:
+            other.__dict__["projection"] = self.projection
+        return other
+
+    def prepared(self) -> Chain:
+        """Itself, with its projection made now instead of on first use."""
+        _ = self.projection
+        return self
+
+    @property
+    def camera(self) -> PlenopticCamera:
+        """The one plenoptic camera.
+
+        Raises:
+            PlenoPIVError: there are others.
+        """
+        camera = self.cameras[0]
+        if len(self.cameras) > 1 or not isinstance(camera, PlenopticCamera):
+            raise PlenoPIVError(f"cameras: {len(self.cameras)} given; this takes one plenoptic camera")
+        return camera
+
+    @cached_property
+    def projection(self) -> Projection:
+        """Between the grid and the cameras' views, made on first use.
+
+        Raises:
+            PlenoPIVError: cameras of both kinds, poses that are not as many as the cameras, or a camera that does not
+                see the volume.
+        """
+        plenoptic = [camera for camera in self.cameras if isinstance(camera, PlenopticCamera)]
+        pinholes = [camera for camera in self.cameras if isinstance(camera, PinholeCamera)]
+        if pinholes and not plenoptic:
+            return PinholeProjector(pinholes, self.grid)
+        if pinholes or len(plenoptic) != len(self.poses):
+            raise PlenoPIVError(
+                f"cameras: {len(plenoptic)} plenoptic with {len(self.poses)} poses and {len(pinholes)} pinhole; give "
+                "plenoptic cameras with a pose each, or pinhole cameras alone"
+            )
+        weights = self.reconstruction.weights
+        projectors = [
+            PlenopticProjector(layout(camera), pose.grid(self.grid), weights)
+            for camera, pose in zip(plenoptic, self.poses, strict=True)
+        ]
+        return projectors[0] if self.poses == (FRONT,) else SeveralCameras(self.grid, projectors, self.poses)
+
+    @property
+    def plane_weights(self) -> NDArray[np.float32] | None:
+        """What each plane (nz,) counts in the correlation (``focus``); None where all count alike."""
+        reach, camera = self.reconstruction.focus_reach, self.cameras[0]
+        if len(self.cameras) > 1 or not isinstance(camera, PlenopticCamera) or reach == 0:
+            return None
+        return focus_weight(camera, self.grid.axes()[2], reach)
+
+    def reconstruct(
+        self, images: Sequence[NDArray], name: str = "frame", progress: Progress | None = None
+    ) -> Reconstruction:
+        """The volume of one frame; ``images``: an upright image (rows, columns), in counts, of each camera.
+
+        Raises:
+            PlenoPIVError: images that are not the cameras', or a frame ``name`` that shows no particles.
+        """
+        return reconstruct(
+            self.projection.values_of(images),
+            self.projection,
+            self.reconstruction,
+            counts_per_electron=self.counts_per_electron,
+            tiles=self.tiles,
+            name=name,
+            progress=progress,
+        )
+
+    def displacement(
+        self, a: SparseVolume, b: SparseVolume, progress: CorrelationProgress | None = None
+    ) -> DisplacementField:
+        """Displacement from volume ``a`` to volume ``b``, voxels, planes near focus weighted.
+
+        Raises:
+            PlenoPIVError: windows do not fit, or nothing is found.
+        """
+        weights = self.plane_weights
+        if weights is not None:
+            a, b = (volume.with_planes_scaled(weights) for volume in (a, b))
+        return measure(a, b, self.correlation, progress)
+
+    def velocity(
+        self,
+        a: SparseVolume,
+        b: SparseVolume,
+        dt_s: float,
+        time_s: float = 0.0,
+        progress: CorrelationProgress | None = None,
+    ) -> xarray.Dataset:
+        """The velocity field between two volumes ``dt_s`` apart, m/s at mid-time ``time_s`` (``velocity_dataset``).
+
+        Raises:
+            PlenoPIVError: as ``displacement``; ``dt_s`` is not positive.
+        """
+        return velocity_dataset(self.displacement(a, b, progress), self.grid, dt_s, time_s)

@@ -1,0 +1,84 @@
+"""Views of listed voxels by rays or polygons, voxel by voxel."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.lightfield import Layout
+from plenopiv.projection.correction import correct
+from plenopiv.projection.plenoptic.by_voxel.kernels import walk
+from plenopiv.projection.plenoptic.geometry import CameraConstants
+from plenopiv.threads import in_threads
+from plenopiv.volume import SparseVolume, VoxelGrid
+
+CHUNKS = 64  # of rows of voxels, shared out among threads
+PARTIAL_IMAGES = 16  # of one view, summed in order
+NOTHING, NO_IMAGES = np.empty(1, np.float32), np.empty((1, 1), np.float32)
+
+
+class ViewsByVoxel:
+    """Forward and back between the listed voxels of ``grid`` and the views of a camera (see ``PlenopticProjector``).
+
+    ``cam``, ``planes``: the camera and the grid as ``geometry`` has them; ``rim`` (view,): the views with pixels that
+    the aperture's rim cuts; ``rule``: of ``pixel_weights``, how a pixel is weighted.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        grid: VoxelGrid,
+        cam: CameraConstants,
+        planes: NDArray[np.float32],
+        rim: NDArray[np.bool_],
+        rule: int,
+    ):
+        self.layout, self.grid, self.cam, self.planes, self.rim, self.rule = layout, grid, cam, planes, rim, rule
+        self._box = (layout.i0, layout.j0, layout.ni, layout.nj)
+
+    def forward(self, views: NDArray[np.int64], volume: SparseVolume) -> NDArray[np.float32]:
+        """The volume's light in each of ``views``, (views, lens); 0 where the pixel is no equation."""
+        images = np.zeros((views.size, self.layout.lenses), np.float32)
+        for view, image in zip(views, images, strict=True):
+            partial = np.empty((PARTIAL_IMAGES, self.layout.lenses), np.float32)
+            self._walk(view, volume, PARTIAL_IMAGES, NOTHING, partial, NOTHING, True)
+            image[:] = partial.sum(0)
+            image[~self.layout.seen[view]] = 0.0
+        return images
+
+    def gather(
+        self, views: NDArray[np.int64], images: NDArray[np.float32], volume: SparseVolume
+    ) -> NDArray[np.float32]:
+        """For each listed voxel the sum of ``images`` (views, lens) over the pixels that it lights, by weights."""
+        out = np.zeros(volume.values.size, np.float32)
+        for view, image in zip(views, images, strict=True):
+            seen, part = np.where(self.layout.seen[view], image, 0.0).astype(np.float32), np.empty_like(out)
+            self._walk(view, volume, CHUNKS, seen, NO_IMAGES, part, False)
+            out += part
+        return out
+
+    def multiply(self, views: NDArray[np.int64], corrections: NDArray[np.float32], volume: SparseVolume) -> None:
+        """Multiply the voxels by ``factor_of`` what ``gather`` gives of ``corrections``."""
+        correct(volume, self.gather(views, corrections, volume), views.size)
+
+    def _row_chunks(self, volume: SparseVolume, count: int) -> NDArray[np.int64]:
+        """Bounds of ``count`` runs of rows with about as many listed voxels each."""
+        bounds = np.searchsorted(volume.row_start, np.linspace(0, volume.column.size, count + 1))
+        bounds[0], bounds[-1] = 0, volume.row_start.size - 1
+        return bounds.astype(np.int64)
+
+    def _walk(
+        self,
+        view: np.int64,
+        volume: SparseVolume,
+        chunks: int,
+        image: NDArray[np.float32],
+        partial: NDArray[np.float32],
+        out: NDArray[np.float32],
+        scatter: bool,
+    ) -> None:
+        m, n = self.layout.offsets[view].astype(np.float32)
+        camera = self.cam, self._box, self.layout.clock, self.planes, self.grid.shape[1]
+        pixels = self.rule, bool(self.rim[view]), m, n, self.layout.fill[view]
+        listed = self._row_chunks(volume, chunks), volume.row_start, volume.column, volume.values
+        in_threads(walk, chunks, *camera, *pixels, *listed, image, partial, out, scatter)

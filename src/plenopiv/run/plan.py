@@ -1,0 +1,49 @@
+"""What a run will take, said before it starts: memory, time, and the tiles that memory asks for."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+
+import numba
+
+from plenopiv.chain import Chain
+from plenopiv.reconstruction.tiles import cut
+from plenopiv.run import duration, memory
+from plenopiv.run.duration import TimeEstimate
+from plenopiv.run.memory import MemoryEstimate
+
+log = logging.getLogger("plenopiv")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The chain of a run, in tiles where memory is short, and the memory and time that it will take."""
+
+    chain: Chain
+    needed: MemoryEstimate
+    takes: TimeEstimate
+
+    @property
+    def tiles(self) -> int:
+        """Number of tiles; 1 for the whole volume at once."""
+        return max(len(self.chain.tiles), 1)
+
+
+def plan(chain: Chain, memory_gb: float | None = None) -> Plan:
+    """The plan of a run of one plenoptic camera that shall take no more than ``memory_gb``.
+
+    Raises:
+        PlenoPIVError: that does not suffice, in tiles either.
+    """
+    rows = chain.grid.shape[1]
+    settings = chain.camera, chain.grid, chain.reconstruction, chain.correlation
+    needed, tiles = memory.of_settings(*settings), cut(rows, 1, 0)
+    if memory_gb is not None and needed.peak > 1e9 * memory_gb:
+        tiles = memory.tiles_within(needed, 1e9 * memory_gb, rows, chain.projection.passage)
+        largest = max(tile.high - tile.low for tile in tiles)
+        log.info("the volume is reconstructed in %d tiles, the largest of %d of %d rows", len(tiles), largest, rows)
+        needed = needed.in_tiles(largest / rows)
+    takes = duration.of_settings(*settings, numba.get_num_threads())
+    takes = replace(takes, frame=takes.frame * sum(tile.high - tile.low for tile in tiles) / rows)
+    return Plan(chain.with_tiles(tiles), needed, takes)

@@ -1,0 +1,100 @@
+"""All frames of a recording: images -> volumes -> displacements -> velocity -> results folder.
+
+Frames are ``dt_s`` apart; each is reconstructed once and correlated with the one before it.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from plenopiv.errors import PlenoPIVWarning
+from plenopiv.experiment import Experiment
+from plenopiv.io.output import OutputFolder
+from plenopiv.recording import Recording
+from plenopiv.run import duration
+from plenopiv.run.calibrated import calibrated_chain
+from plenopiv.run.log import Clock, kept_warnings
+from plenopiv.run.pair import Frame, Progress, reconstructed, velocity_between
+from plenopiv.run.plan import Plan, plan
+from plenopiv.run.written import FirstFrame, Score, joined, summary_of, write_results, write_volume
+
+if TYPE_CHECKING:
+    import xarray
+
+log = logging.getLogger("plenopiv")
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """The velocity field, what ``summary.json`` holds, and where both are."""
+
+    velocity: xarray.Dataset
+    summary: dict[str, Any]
+    directory: Path
+
+
+def run(
+    experiment: Experiment,
+    progress: Progress | None = None,
+    overwrite: bool = False,
+    score: Score | None = None,
+    memory_gb: float | None = None,
+) -> RunResult:
+    """Run the whole chain and write the results folder: velocity.nc, summary.json, experiment.toml, report.html
+    and its figures.
+
+    ``progress(stage, done, total)`` is called as work proceeds. ``score``, where the truth is known, turns the velocity
+    field into measures for the report; a run itself never reads a truth. ``memory_gb``: a run that would take more is
+    cut into tiles, or does not begin where these would not help.
+
+    Raises:
+        PlenoPIVError: an input cannot be used, or memory does not suffice; the results folder is then as it was.
+    """
+    report = progress or (lambda stage, done, total: None)
+    clock = Clock()
+    with kept_warnings() as caught, OutputFolder(experiment.output_directory, overwrite) as out:
+        for line in experiment.warnings():
+            warnings.warn(line, PlenoPIVWarning, stacklevel=2)
+        recording = experiment.recording()
+        with clock("calibration"):
+            chain, calibration = calibrated_chain(experiment, recording)
+        for k in range(2):  # before long work begins; later frames when their turn comes
+            recording.frame(k)
+        planned = plan(chain, memory_gb)
+        log.info("memory: about %.2g GB", planned.needed.peak / 1e9)
+        log.info("time: about %s", duration.spoken(planned.takes.run(len(recording))))
+
+        summaries, fields, first, before = {}, [], None, None
+        for frame in _frames(planned, recording, clock, report):
+            summaries[frame.name] = frame.summary()
+            if experiment.output.volumes:
+                with clock("report"):
+                    write_volume(out, frame)
+            if before is None:
+                first = FirstFrame.of(planned.chain, frame, clock)
+            else:
+                with clock("correlation"):
+                    fields.append(velocity_between(planned.chain, before, frame, recording.dt_s, report))
+            before = frame
+        assert first is not None
+        velocity = joined(fields, experiment)
+        warned = [str(w.message) for w in caught]
+        summary = summary_of(experiment, velocity, summaries, calibration, planned, warned, clock)
+        write_results(out, experiment, velocity, summary, first, score, clock)
+    return RunResult(velocity, summary, experiment.output_directory)
+
+
+def _frames(planned: Plan, recording: Recording, clock: Clock, report: Progress) -> Iterator[Frame]:
+    """The frames in turn, reconstructed; after the first, what time is left."""
+    for k in range(len(recording)):
+        with clock("reconstruction"):
+            frame = reconstructed(planned.chain, recording, k, report)
+        if k == 0:
+            left = planned.takes.left(len(recording), clock.seconds["reconstruction"])
+            log.info("%s reconstructed; about %s left", frame.name, duration.spoken(left))
+        yield frame
