@@ -3,7 +3,7 @@
 Five measurements (``comparison_settings``), each in a process of its own: LF-PIV; exact volumes in place of its
 reconstructed ones, which shows what its windows resolve; two plenoptic cameras at a right angle; Tomo-PIV at the
 paper's settings; Tomo-PIV of the light field's particles in windows of the same size. All but the fourth are correlated
-once more with windows within these windows.
+once more with sub-window averaging.
 
 Writes results/comparison.json, its table results/comparison.md, and figures to docs/images/paper (comparison-full of
 the full size, and what they show to results/fields); fields, with the DNS beside them, to build/comparison.
@@ -41,14 +41,14 @@ from plenopiv.simulation.flows import flow
 ROOT = Path(__file__).parents[1]
 TITLES = {
     "light_field": "LF-PIV",
-    "light_field_inner": "LF-PIV, windows within windows",
+    "light_field_inner": "LF-PIV, sub-windows",
     "exact": "exact volumes, LF's windows",
-    "exact_inner": "exact volumes, windows within windows",
+    "exact_inner": "exact volumes, sub-windows",
     "two": "LF-PIV, two cameras",
-    "two_inner": "LF-PIV, two cameras, windows within windows",
+    "two_inner": "LF-PIV, two cameras, sub-windows",
     "tomo": "Tomo-PIV, the paper's",
     "matched": "Tomo-PIV, LF's particles and windows",
-    "matched_inner": "Tomo-PIV, LF's particles, windows within windows",
+    "matched_inner": "Tomo-PIV, LF's particles, sub-windows",
 }
 MEASUREMENTS = tuple(name for name in TITLES if not name.endswith("_inner"))
 SEED = 0

@@ -40,7 +40,7 @@ def _pair(setting: Setting) -> float:
 
 
 def _again(setting: Setting) -> float:
-    """Seconds of one core for the correlation with windows within windows, if there is one."""
+    """Seconds of one core for the correlation with sub-window averaging, if there is one."""
     if setting.inner_window is None:
         return 0.0
     return duration.correlation_s(setting.grid, correlation_of(setting, setting.inner_window).passes)

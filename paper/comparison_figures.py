@@ -23,14 +23,14 @@ from plenopiv.simulation.flows import flow
 Array = NDArray[np.float64]
 SHORT = {
     "light_field": "LF-PIV",
-    "light_field_inner": "LF-PIV, inner windows",
+    "light_field_inner": "LF-PIV, sub-windows",
     "exact": "exact volumes",
-    "exact_inner": "exact volumes, inner windows",
+    "exact_inner": "exact volumes, sub-windows",
     "two": "LF-PIV, two cameras",
-    "two_inner": "two cameras, inner windows",
+    "two_inner": "two cameras, sub-windows",
     "tomo": "Tomo-PIV, the paper's",
     "matched": "Tomo-PIV, matched",
-    "matched_inner": "matched, inner windows",
+    "matched_inner": "matched, sub-windows",
 }
 GREY, VIOLET = "#8794a1", "#8557a8"
 IN_WINDOWS = "DNS in LF-PIV's windows"
@@ -140,7 +140,7 @@ def slices(fields: dict[str, xr.Dataset], setting: Comparison) -> Figure:
 
 @rc_context(STYLE)
 def errors(results: dict[str, Any]) -> Figure:
-    """RMS error against depth, with the stated standard deviation or, where there are windows within windows, with what
+    """RMS error against depth, with the stated standard deviation or, where there is sub-window averaging, with what
     those leave; a panel for each component."""
     figure = Figure(figsize=(11.0, 3.9), layout="constrained")
     panels = figure.subplots(1, 3)

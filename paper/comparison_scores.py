@@ -113,7 +113,7 @@ class Truth:
 
 class Judge:
     """Scores fields measured of one flow, vectors within limits along x and y. What is true of the same windows and
-    particles, as by other inner windows, is found once: it takes minutes."""
+    particles, as by other sub-windows, is found once: it takes minutes."""
 
     def __init__(self, flow: Velocity, limits_mm: Across | None = None):
         self.flow, self.limits_mm = flow, limits_mm

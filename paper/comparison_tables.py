@@ -24,14 +24,14 @@ TITLES = {
     "matched": "Tomo-PIV, matched",
     "two": "LF-PIV, two cameras",
 }
-WINDOWS = "light_field", "exact", "tomo", "matched"  # that find their vectors themselves
+WINDOWS = "light_field", "exact", "tomo", "matched"  # without sub-window averaging
 INNER = "light_field_inner", "exact_inner", "matched_inner"
 
 
 def title(name: str) -> str:
     """A method with its windows."""
     own = TITLES[name.removesuffix("_inner")]
-    return f"{own}, inner windows" if name.endswith("_inner") else own
+    return f"{own}, sub-windows" if name.endswith("_inner") else own
 
 
 def by_depth(cases: dict[str, Any], names: Sequence[str]) -> str:
@@ -42,7 +42,7 @@ def by_depth(cases: dict[str, Any], names: Sequence[str]) -> str:
         own = three(found[names[0]][band]["rms_voxel"])
         cells = [own, *(three(found[name][band]["rms_mm_s"], 1) for name in names)]
         rows.append((words, *(f"**{c}**" for c in cells)) if words.startswith("*") else (words, *cells))
-    own, *_ = heads = [title(name).removesuffix(", inner windows") for name in names]
+    own, *_ = heads = [title(name).removesuffix(", sub-windows") for name in names]
     return table(("abs(z)", f"{own}, voxel", *heads), rows)
 
 

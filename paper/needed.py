@@ -6,7 +6,7 @@ comparison, by three questions:
 - tracks: what perfect tracks of the particles would tell of that mean, by density. The mean of those in the window; the
   value in its middle of a linear fit, which is what a perfect correlation sees; and the mean over it of the smoothest
   field through the nearest tracks (thin plate splines), also around it.
-- windows: what windows within the paper's find, of exact volumes and of LF-PIV.
+- windows: what sub-windows of the paper's windows find, of exact volumes and of LF-PIV.
 - beyond: LF-PIV's errors far from focus, by density and by depth of the lit volume.
 """
 
@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 NEAREST = 60  # tracks that a smooth field takes account of
 SAMPLES = 4  # of a window along each axis
 DENSITIES = 1.0, 2.0, 4.0, 8.0  # particles per microlens, of tracks
-INNER: tuple[tuple[Window | None, float], ...] = (  # windows within the paper's, and their overlap
+INNER: tuple[tuple[Window | None, float], ...] = (  # sub-windows of the paper's windows, and their overlap
     (None, 0.5),
     ((48, 48, 12), 0.5),
     ((48, 48, 12), 0.6),
@@ -96,7 +96,7 @@ def tracks(setting: LightFieldSetting, jet: Velocity, density: float) -> dict[st
 
 
 def inner_windows(setting: LightFieldSetting, jet: Velocity, inner=INNER) -> Iterator[dict[str, Any]]:
-    """Of exact volumes and of LF-PIV, errors by inner windows and their overlap."""
+    """Of exact volumes and of LF-PIV, errors by sub-windows and their overlap."""
     judge = Judge(jet, setting.judged_mm)
     for name, reconstruct in (("exact", exact_volumes), ("light_field", reconstruct_light_field)):
         pair = reconstruct(setting, jet)

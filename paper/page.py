@@ -17,7 +17,7 @@ from outputs import table, three
 
 ROOT = Path(__file__).parents[1]
 PAGE, RESULTS = ROOT / "docs" / "paper.md", ROOT / "paper" / "results"
-THIN = 0.0, 0.3  # voxels fainter than this share of the mean left out between rounds
+THIN = 0.0, 0.3  # voxels fainter than this share of the mean left out between iterations
 CAMERAS = ("pmr8", "pmr14", "pmr28")
 
 
@@ -127,7 +127,7 @@ def needed_tracks() -> str:
 
 
 def needed_windows() -> str:
-    """What windows within the paper's find."""
+    """What sub-windows of the paper's windows find."""
     found: dict[tuple[str, str], dict[str, Any]] = {}
     for line in results("needed")["windows"]:
         window = "none" if line["inner_window"] is None else " x ".join(map(str, line["inner_window"]))
@@ -140,7 +140,7 @@ def needed_windows() -> str:
         inside = (comparison_tables.inside(bands[1], n) for n in (1, 2))
         cost = f"{light['correlation_s']:.0f}"
         rows.append((window if window == "none" else f"{window}, {overlap}", *errors, ", ".join(inside), cost))
-    head = ("inner windows, overlap", "exact volumes", "LF-PIV", "LF-PIV, smooth flow", "LF-PIV beyond 6 mm")
+    head = ("sub-windows, overlap", "exact volumes", "LF-PIV", "LF-PIV, smooth flow", "LF-PIV beyond 6 mm")
     return table((*head, "within 1, 2 std, %", "processor s"), rows)
 
 
@@ -153,7 +153,7 @@ def needed_beyond() -> str:
         errors = ("" if band is None else three(band["rms_voxel"]) for band in bands)
         window = "none" if inner is None else " x ".join(map(str, inner))
         rows.append((f"{line['particles_per_microlens']:g}", f"{low:g} to {high:g}", window, *errors))
-    return table(("ppm", "lit, z in mm", "inner windows", "4 to 6 mm", "6 to 8 mm", "8 to 10 mm"), rows)
+    return table(("ppm", "lit, z in mm", "sub-windows", "4 to 6 mm", "6 to 8 mm", "8 to 10 mm"), rows)
 
 
 def comparison_full() -> str:

@@ -4,7 +4,7 @@ Particles from z = -2 to 2 mm in steps of 0.077 mm, without noise. Series:
 
     axis       on the optical axis, as in the paper: a microlens' and a voxel's centre lie on it
     whole      the same in the paper's whole volume, every sixth depth: what the narrower one leaves out
-    thinned    the same with faint voxels left out between rounds as runs do, every fourth depth
+    thinned    the same with faint voxels left out between iterations as runs do, every fourth depth
     areas      DRT-MART on the axis with areas voxel by voxel instead of read off maps ("polygons")
     nine rays  the paper's product on the axis with its nine rays a pixel for weights
     spread     at eight places spread over a microlens, every fourth depth

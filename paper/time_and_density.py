@@ -1,7 +1,7 @@
 """The paper's Fig. 9c: how much longer MART takes than DRT-MART, by seeding density:  time_and_density.py
 
 1 to 4 particles per microlens in the small camera's volume, an image with noise, thresholds that the image decides, as
-in a run. Both methods share all but the voxels that they start from, with faint voxels kept between rounds and left
+in a run. Both methods share all but the voxels that they start from, with faint voxels kept between iterations and left
 out (as runs do). One measurement each, nothing compiled in the time that counts. Writes time-and-density.png and
 results/time_and_density.json.
 """

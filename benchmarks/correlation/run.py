@@ -181,7 +181,7 @@ def page(shifts: list[Row], waves: list[Row], pairs: int, facts: dict[str, str |
 
 Gaussian particles of sigma {SIGMA:g} voxel, on average {PARTICLES_A_WINDOW} to a window of {WINDOW}^3 voxels,
 brightness log-normal ({BRIGHTNESS_SPREAD}); particles beyond the volumes' faces exist and move in. Windows overlap by
-{100 * SETTINGS.overlap:.0f} %; no inner windows; all other settings are the defaults but where named. Lengths in
+{100 * SETTINGS.overlap:.0f} %; no sub-windows; all other settings are the defaults but where named. Lengths in
 voxels. Gross: an error above {GROSS_VOXELS:g} voxels on any axis, or no peak; the other figures leave these out. Inner:
 without the outermost layer of windows. One thread each. Made by `run.py` beside this file; `results.json` holds every
 figure.

@@ -1,4 +1,4 @@
-"""The variants that are compared, as data: solver, start, weights, pixels, and the rounds that are judged."""
+"""The variants that are compared, as data: solver, start, weights, pixels, and the iterations that are judged."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Case:
     """One variant. ``solver`` makes a fresh generator function, so that each frame draws the same orders.
 
     ``start``: "uniform", "product", "product^8" or "least" over the candidates, or "everywhere": uniform over all
-    voxels. ``work``: what one round costs in rounds over all views. ``seeds``: how many recordings it is run on, each
-    with other particles. ``tolerance_px``: of the candidates.
+    voxels. ``work``: what one iteration costs in iterations over all views. ``seeds``: how many recordings it is run
+    on, each with other particles. ``tolerance_px``: of the candidates.
     """
 
     group: str
@@ -45,7 +45,7 @@ class Case:
 
 
 def views(*mu: float, **settings) -> Callable[[], Callable[..., Any]]:
-    """View-sequential with the exponents ``mu`` of the rounds."""
+    """View-sequential with the exponents ``mu`` of the iterations."""
     return lambda: partial(view_sequential, relaxation=mu or (0.3,), **settings)
 
 
@@ -71,14 +71,14 @@ CASES = (
     Case("algorithm", "simultaneous as sums (ML-EM), mu 1", every(1.0, form="sums"), rounds=SLOW),
     Case("relaxation", "mu 0.1", views(0.1), conditions=ALL),
     Case("relaxation", "mu 1", views(1.0), conditions=ALL),
-    Case("relaxation", "mu 1, 0.3, 0.1 from round to round", views(1.0, 0.3, 0.1), rounds=FEW, conditions=ALL),
-    Case("relaxation", "mu 0.6, 0.2, 0.07 from round to round", views(0.6, 0.2, 0.07), rounds=FEW, conditions=ALL),
-    Case("relaxation", "mu 0.3, 0.1, 0.03 from round to round", views(0.3, 0.1, 0.03), rounds=FEW, conditions=ALL),
-    Case("order", "one random order for all rounds", views(order=one_random_order)),
+    Case("relaxation", "mu 1, 0.3, 0.1 by iteration", views(1.0, 0.3, 0.1), rounds=FEW, conditions=ALL),
+    Case("relaxation", "mu 0.6, 0.2, 0.07 by iteration", views(0.6, 0.2, 0.07), rounds=FEW, conditions=ALL),
+    Case("relaxation", "mu 0.3, 0.1, 0.03 by iteration", views(0.3, 0.1, 0.03), rounds=FEW, conditions=ALL),
+    Case("order", "one random order for all iterations", views(order=one_random_order)),
     Case("order", "raster", views(order=raster_order)),
     Case("order", "rim first", views(order=rim_first)),
     Case("order", "golden steps", views(order=golden_order)),
-    Case("order", "a random half of the views a round", lambda: views(order=half_of_the_views())(), work=0.5),
+    Case("order", "a random half of the views in each iteration", lambda: views(order=half_of_the_views())(), work=0.5),
     Case("order", "another seed of the random order", lambda: views(order=random_order(1))()),
     Case("start", "product of the views (MFG)", views(), start="product"),
     Case("start", "product of the views, 8th power", views(), start="product^8"),

@@ -1,4 +1,4 @@
-"""Run variants of MART on the same recordings and tabulate them round by round:  convergence.py [WORDS] [--out DIR]
+"""Run variants of MART on the same recordings; tabulate every iteration:  convergence.py [WORDS] [--out DIR]
 
 Runs the cases of cases.py whose group or name holds one of WORDS (all of them by default), keeps what other cases
 found before in results.json, and writes results.json and results.md; without --out also the figures and the table of
@@ -81,7 +81,7 @@ def start_of(case: Case, condition: Condition, frame: int, floor: float) -> Spar
 
 
 def volumes(case: Case, condition: Condition, frame: int) -> Iterator[tuple[int, float, SparseVolume]]:
-    """(round, seconds so far, volume) at the rounds that are judged; round 0 is the start."""
+    """(iteration, seconds so far, volume) at the iterations that are judged; iteration 0 is the start."""
     field, projector = light_field(condition, frame, case.pixels), projector_of(condition, case.pixels, case.weights)
     floor = max(dark_noise(field), SMALLEST_FLOOR)
     start = start_of(case, condition, frame, floor)
@@ -119,7 +119,7 @@ def rms(values: np.ndarray) -> list[float]:
 
 
 def judge(case: Case, name: str) -> Iterator[dict[str, Any]]:
-    """One row for every round that is judged, over all of the case's recordings under one condition."""
+    """One row for every iteration that is judged, over all of the case's recordings under one condition."""
     seeds = case.seeds if name != "alone" else 1
     found: dict[int, dict[str, list]] = {}
     for seed in range(seeds):
@@ -169,7 +169,7 @@ def main() -> None:
         known = [row for row in known if row["name"] != case.name] + rows
         last = next(row for row in reversed(rows) if "error" in row)
         print(
-            f"{case.name}: round {last['round']} ({last['condition']}): "
+            f"{case.name}: iteration {last['round']} ({last['condition']}): "
             f"{last['error']}, off focus {last['off_focus']}, {last['seconds']:.1f} s",
             flush=True,
         )

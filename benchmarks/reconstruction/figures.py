@@ -1,4 +1,4 @@
-"""The figures of docs/reconstruction.md: errors by round, one panel for each question."""
+"""The figures of docs/reconstruction.md: errors by iteration, one panel for each question."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def panel(axes, rows: list[Row], groups: tuple[str, ...], condition: str, measur
                 zorder=3 if name == DEFAULT else 2,
                 label=SHORT.get(name, name),
             )
-    axes.set(xscale="log", xlabel="rounds over all views", ylabel=label)
+    axes.set(xscale="log", xlabel="iterations over all views", ylabel=label)
     axes.set_xticks([0.5, 1, 2, 3, 5, 10, 20], ["0.5", "1", "2", "3", "5", "10", "20"])
     axes.minorticks_off()
     if measure in ("depth", "off focus", "in-plane"):

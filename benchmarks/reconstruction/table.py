@@ -1,4 +1,4 @@
-"""results.md: every judged round of every variant; and the table of docs/reconstruction.md."""
+"""results.md: every judged iteration of every variant; and the table of docs/reconstruction.md."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from typing import Any
 
 Row = dict[str, Any]
 BEGIN, END = "<!-- convergence: begin -->", "<!-- convergence: end -->"
-COLUMNS = "| variant | round | work | residual | Q | RMS x / y / z | off focus x / y / z | replaced % | listed % | s |"
+COLUMNS = (
+    "| variant | iteration | work | residual | Q | RMS x / y / z | off focus x / y / z | replaced % "
+    "| candidates % | s |"
+)
 RULE = "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|"
-ALONE_COLUMNS = "| variant | round | residual | Q | centres off by x / y / z |"
+ALONE_COLUMNS = "| variant | iteration | residual | Q | centres off by x / y / z |"
 ALONE_RULE = "|---|---:|---:|---:|---:|"
 
 
@@ -30,7 +33,7 @@ def alone_row(row: Row) -> str:
 
 
 def last_rounds(rows: list[Row]) -> list[Row]:
-    """The last judged round of every variant."""
+    """The last judged iteration of every variant."""
     return list({(row["name"], row["condition"]): row for row in rows}.values())
 
 
@@ -48,11 +51,11 @@ def page(rows: list[Row], noise: dict[str, float], conditions: dict[str, str]) -
         "Made by `convergence.py` beside this file; `results.json` holds every figure. `scene.py` says what is",
         "recorded, `cases.py` what is compared; docs/reconstruction.md says what it means.",
         "",
-        "- Round 0 is the start. Work counts rounds over all views. Residual: RMS counts that the volume leaves",
-        "  unexplained, after the round. Q against Gaussian particles 3 voxels wide, dead zone included.",
+        "- Iteration 0 is the start. Work counts iterations over all views. Residual: RMS counts that the volume",
+        "  leaves unexplained, after the iteration. Q against Gaussian particles 3 voxels wide, dead zone included.",
         "- RMS: errors of the displacements of all windows, in voxels, outliers replaced; off focus: of the windows",
-        "  beyond |z| = 1.2 mm. Listed: share of the voxels. Seconds: one frame's rounds, one thread, on a machine",
-        "  that other work shared: a rough guide.",
+        "  beyond |z| = 1.2 mm. Candidates: share of the voxels. Seconds: one frame's iterations, one thread, on a",
+        "  machine that other work shared: a rough guide.",
     ]
     for name, says in conditions.items():
         parts += ["", f"## `{name}`: {says}", "", f"Noise of a pixel: {noise[name]:.1f} counts RMS.", ""]
@@ -61,7 +64,7 @@ def page(rows: list[Row], noise: dict[str, float], conditions: dict[str, str]) -
 
 
 def by_round(rows: list[Row]) -> str:
-    """RMS along z off focus after 1, 2, 3 and 5 rounds, and after the last where that is another."""
+    """RMS along z off focus after 1, 2, 3 and 5 iterations, and after the last where that is another."""
     value = {row["round"]: f"{row['off_focus'][2]:.3f}" for row in rows if "off_focus" in row}
     last = max(value, default=0)
     text = " / ".join(value.get(n, "-") for n in (1, 2, 3, 5)) if value else ""
@@ -71,7 +74,7 @@ def by_round(rows: list[Row]) -> str:
 def summary(rows: list[Row]) -> str:
     """The table of docs/reconstruction.md: one line a variant."""
     lines = [
-        "| variant | Q | RMS x / y / z | z off focus after 1 / 2 / 3 / 5 rounds | the same, dim | centre z, alone |",
+        "| variant | Q | RMS x / y / z | z off focus, iterations 1 / 2 / 3 / 5 | the same, dim | centre z, alone |",
         "|---|---:|---:|---:|---:|---:|",
     ]
     for name in dict.fromkeys(row["name"] for row in rows):

@@ -1,8 +1,8 @@
-"""MART and its relatives as plain generators: each yields the volume after one more round over all pixels.
+"""MART and its relatives as plain generators: each yields the volume after one more iteration over all pixels.
 
 All take the same things: ``values`` (view, lens) in counts, a projector, a sparse volume to start from, the exponent
-``relaxation`` of each round (the last one goes on), and ``floor`` in counts, added to measured and to projected light.
-Nothing is left out between rounds: the list of voxels stays that of the start.
+``relaxation`` of each iteration (the last one goes on), and ``floor`` in counts, added to measured and
+to projected light. Nothing is left out between iterations: the list of voxels stays that of the start.
 
 With w_S the share of a pixel S that a voxel lights (at most 1), I_S and P_S its measured and projected counts:
 
@@ -28,18 +28,18 @@ from plenopiv.reconstruction.thinning import keeping
 from plenopiv.volume import SparseVolume
 
 Array = NDArray[np.float32]
-Order = Callable[[PlenopticProjector, int], NDArray[np.int64]]  # of the views in round k
+Order = Callable[[PlenopticProjector, int], NDArray[np.int64]]  # of the views in iteration k
 Form = Literal["sums", "powers"]
 
 
 def random_order(seed: int = 0) -> Order:
-    """Another random order each round; the same as the library's for the same seed."""
+    """Another random order in each iteration; the same as the library's for the same seed."""
     rng = np.random.default_rng(seed)
     return lambda projector, _: rng.permutation(projector.views)
 
 
 def one_random_order(projector: PlenopticProjector, _: int) -> NDArray[np.int64]:
-    """The same random order in all rounds."""
+    """The same random order in all iterations."""
     return np.random.default_rng(0).permutation(projector.views)
 
 
@@ -61,13 +61,13 @@ def golden_order(projector: PlenopticProjector, k: int) -> NDArray[np.int64]:
 
 
 def half_of_the_views(seed: int = 0) -> Order:
-    """A random half of the views in each round."""
+    """A random half of the views in each iteration."""
     rng = np.random.default_rng(seed)
     return lambda projector, _: rng.permutation(projector.views)[: projector.views // 2]
 
 
 def of_round(relaxation: tuple[float, ...], k: int) -> float:
-    """Exponent of round ``k``."""
+    """Exponent of iteration ``k``."""
     return relaxation[min(k, len(relaxation) - 1)]
 
 

@@ -53,10 +53,11 @@ def reconstruction(found: dict[str, Any]) -> str:
             ]
         )
     return (
-        f"300 x 200 x 200 voxels, all of them candidates, {found['rounds']} rounds, 1 particle per microlens: "
-        f"{whole['seconds']:.1f} s and {whole['gb']:.2f} GB.\n\n385 x 385 x 57 voxels, {found['rounds']} rounds:\n\n"
+        f"300 x 200 x 200 voxels, all of them candidates, {found['rounds']} iterations, 1 particle per microlens: "
+        f"{whole['seconds']:.1f} s and {whole['gb']:.2f} GB.\n\n"
+        f"385 x 385 x 57 voxels, {found['rounds']} iterations:\n\n"
         + table(
-            "recording | MART, s | DRT-MART, s | ratio | MART, million voxels and rounds a second | left by DRT, %",
+            "recording | MART, s | DRT-MART, s | ratio | MART, million voxels and iterations a second | candidates, %",
             rows,
         )
     )
@@ -91,7 +92,7 @@ def peers(found: dict[str, Any]) -> str:
             left = "" if r is found["richardson-lucy"] else f"{f['residual']:.0f}"  # of another image
             rows.append([f"{size}: {name}", f"{f['seconds']:.2f}", f"{f['gb']:.2f}", left])
     rounds = found["rounds"]
-    said = f"{rounds} rounds from an image (pyolaf one, times {rounds}), stored weights given:"
+    said = f"{rounds} iterations from an image (pyolaf one, times {rounds}), stored weights given:"
     return f"{said}\n\n" + table("voxels and method | s | GB | residual, counts RMS", rows)
 
 
@@ -106,7 +107,7 @@ def correlation(found: dict[str, Any]) -> str:
         what = what if what.startswith("uniform") else f"shear of {what} windows' wavelength"
         rows.append([f"{what}: {r['method']}", f"{r['vectors_a_cpu_s']:.0f}", bias, rms])
     return (
-        "Windows of 32 x 32 x 32 voxels that overlap by half, one thread each, no inner windows; "
+        "Windows of 32 x 32 x 32 voxels that overlap by half, one thread each, no sub-windows; "
         "benchmarks/correlation/results.md has all of it.\n\n"
         + (table("volumes and method | vectors a CPU-second | bias x / y / z, voxels | RMS", rows))
     )

@@ -66,9 +66,10 @@ def main() -> None:
     asked = parser.parse_args()
     rows = []
     fahringer = alone(FAHRINGER, "mart", chain.THIN)
-    print(f"300 x 200 x 200 voxels, {ROUNDS} rounds: {fahringer['seconds']:.1f} s, {fahringer['gb']:.2f} GB")
+    print(f"300 x 200 x 200 voxels, {ROUNDS} iterations: {fahringer['seconds']:.1f} s, {fahringer['gb']:.2f} GB")
     print(
-        "\n| per microlens | thinning | MART, s | DRT-MART, s | ratio | MART, M voxels x rounds / s | left by DRT, % |"
+        "\n| per microlens | thinning | MART, s | DRT-MART, s | ratio | MART, M voxels x iterations / s "
+        "| candidates, % |"
     )
     print("|---|---|---:|---:|---:|---:|---:|")
     for ppm in asked.densities:

@@ -1,7 +1,7 @@
 """Peers of the reconstruction, run by peers.py in an environment of their own:  reconstruction_peer.py METHOD FOLDER N
 
-N rounds of "mart" (scipy.sparse), "sirt" (ASTRA) or "richardson-lucy" (pyolaf) on what lies in FOLDER. Prints seconds,
-GB at the peak and the residual in counts.
+N iterations of "mart" (scipy.sparse), "sirt" (ASTRA) or "richardson-lucy" (pyolaf) on what lies in FOLDER. Prints
+seconds, GB at the peak and the residual in counts.
 """
 
 import contextlib

@@ -2,8 +2,8 @@
 
     .venv/bin/python benchmarks/tomo/weights.py     # half a minute
 
-Stored weights and plain loops, on a small volume: the same pixels, the same voxels to start from, 5 rounds. Elsinga et
-al. (2006, section 2) take as a weight the volume that a line of sight, a cylinder as thick as a pixel, shares with a
+Stored weights and plain loops, on a small volume: the same pixels, the same voxels to start from, 5 iterations. Elsinga
+et al. (2006, section 2) take as a weight the volume that a line of sight, a cylinder as thick as a pixel, shares with a
 sphere as large as the voxel. Weights of one voxel in one camera sum to 1.00 +- 0.02 then.
 """
 
