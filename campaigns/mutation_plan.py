@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import mutants
@@ -165,7 +166,7 @@ class Plan:
     def __init__(self, root: Path, seed: int = SEED, count: int = COUNT):
         files, self.root = files_of(root), root
         self._draws = {area: in_turn(root, area, files[area], seed) for area in AREAS}
-        self.drawn = [next(self._draws[area]) for area, share in shares(count).items() for _ in range(share)]
+        self.drawn = [m for area, share in shares(count).items() for m in islice(self._draws[area], share)]
         self.named = named(root)
 
     @property

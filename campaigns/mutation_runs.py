@@ -24,6 +24,9 @@ import mutants
 from mutation_plan import PACKAGE, Mutant, nearest
 
 IMPORT_S = 120.0
+# A test that runs for ever ends by itself should the campaign be killed: twice the clock's limit of processor time.
+LIMITED = "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[1]),) * 2); "
+LIMITED += "sys.argv[1:] = sys.argv[2:]; runpy.run_module('pytest', run_name='__main__', alter_sys=True)"
 
 
 class RunError(Exception):
@@ -185,7 +188,8 @@ class Tree:
 
     def _tests(self, arguments: list[str], options: Options, end: float) -> str:
         """What failed first; empty if nothing did."""
-        command = ["-m", "pytest", "-m", "not full", "-x", "-rfE", "--tb=no", "-p", "no:cacheprovider"]
+        command = ["-c", LIMITED, str(int(2 * options.timeout_s) + 60)]
+        command += ["-m", "not full", "-x", "-rfE", "--tb=no", "-p", "no:cacheprovider"]
         command += ["-n", str(options.workers)] if options.workers else []
         try:
             status, said = self._run([*command, *arguments], end - time.monotonic())

@@ -1,0 +1,6 @@
+"""Makes ``campaigns`` importable."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "campaigns"))
