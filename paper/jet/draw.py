@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from PIL import Image
 
-from plenopiv.simulation.flow_file import read_netcdf
+from plenopiv.simulation.netcdf_grid import read_netcdf
 
 ROOT = Path(__file__).parents[2]
 DOTS_PER_INCH, COLOURS = 100, 256

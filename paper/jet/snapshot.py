@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 import xarray
 
-from plenopiv.simulation.flow_file import FileGrid, read_netcdf
+from plenopiv.simulation.file_grid import FileGrid
 from plenopiv.simulation.gridded import GriddedVelocity
+from plenopiv.simulation.netcdf_grid import read_netcdf
 
 ROOT = Path(__file__).parents[2]
 D_MM, NU_MM2_S = 6.0, 1.0  # nozzle's diameter (the paper); water, which the paper does not state

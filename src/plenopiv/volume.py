@@ -10,6 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+Limits = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]  # (lo, hi) in mm along x, y, z
+
 
 @dataclass(frozen=True)
 class VoxelGrid:

@@ -38,6 +38,13 @@ def test_an_upward_import_would_be_seen(graph):
     assert [(d.importer, d.imported) for d in upward(changed)] == [("plenopiv.optics", "plenopiv.volume")]
 
 
+def test_a_circle_within_a_subpackage_would_be_seen(graph):
+    assert not graph.nominate_cycle_breakers("plenopiv.simulation")
+    changed = grimp.build_graph("plenopiv", cache_dir=None)
+    changed.add_import(importer="plenopiv.simulation.file_grid", imported="plenopiv.simulation.flow_file")
+    assert changed.nominate_cycle_breakers("plenopiv.simulation")
+
+
 def test_every_room_is_in_the_order():
     rooms = {path.stem for path in (ROOT / "src" / "plenopiv").iterdir() if path.suffix == ".py" or path.is_dir()}
     assert rooms - {"__init__", "__pycache__"} <= set(ROOMS)

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, floor, log10
+from math import floor, log10
 
 from plenopiv.cameras.coverage import half_sensor_mm, seen_by_every_view_mm
+from plenopiv.cameras.depth import min_window_voxels
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError
-from plenopiv.volume import VoxelGrid
+from plenopiv.volume import Limits, VoxelGrid
 
 VOXEL_PX = 36.0 / 2100.0 / 0.0055  # Shi, Ding & New (2016), section 4: 36 mm / 2100 voxels, pixels of 5.5 um
 USEFUL_DEPTH = 0.75  # of PMR f_l / M^2, where a view's footprint of a point outgrows a microlens
 LARGEST_BLUR = 0.25  # of the sensor's half height
 SMALLEST_WINDOW = 8  # voxels
 LAST_WINDOW = (64, 64, 16)
-FEWEST_DEAD_ZONES = 3.0  # half dead zones in a window's depth: at 2.3 displacements came out 40 % too small, at 4 right
 
-Limits = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 Window = tuple[int, int, int]
 
 
@@ -61,7 +60,7 @@ def suggested(camera: PlenopticCamera, depth_mm: tuple[float, float] | None = No
     x, y = _down(x), _down(y)
     limits = (-x, x), (-y, y), (float(lo), float(hi))
     nz, ny, nx = VoxelGrid.covering(*limits, voxel).shape
-    last = LAST_WINDOW[0], LAST_WINDOW[1], max(LAST_WINDOW[2], deep_enough(camera, voxel[2]))
+    last = LAST_WINDOW[0], LAST_WINDOW[1], max(LAST_WINDOW[2], min_window_voxels(camera, voxel[2]))
     first = 2 * last[0], 2 * last[1], 2 * last[2]
     return Measurement(limits, voxel, (within(first, (nx, ny, nz)), within(last, (nx, ny, nz))))
 
@@ -90,13 +89,6 @@ def suggested_voxel_mm(camera: PlenopticCamera) -> tuple[float, float, float]:
     m = abs(camera.main_lens.magnification)
     in_plane = round(VOXEL_PX * camera.sensor.pixel_pitch_mm / m, 10)
     return in_plane, in_plane, round(camera.lattice.pitch_mm / m**2, 10)
-
-
-def deep_enough(camera: PlenopticCamera, voxel_mm: float) -> int:
-    """Voxels along z, a multiple of 8, of a window that is longer than particles' images near focus: shallower ones
-    show those in part, and displacements in depth come out too small."""
-    near, far = camera.dead_zone_mm()
-    return 8 * ceil(FEWEST_DEAD_ZONES * (far - near) / 2 / voxel_mm / 8)
 
 
 def _down(length: float) -> float:

@@ -12,8 +12,8 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from plenopiv.cameras.consistency import contradictions, mismatch
 from plenopiv.cameras.coverage import coverage, seen_by_every_view_mm
+from plenopiv.cameras.depth import min_window_depth_mm, min_window_voxels
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
-from plenopiv.design.advice import FEWEST_DEAD_ZONES, deep_enough
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import messages
 from plenopiv.experiment.tables import (
@@ -197,8 +197,8 @@ class Experiment(Table):
                 f"blur is smaller than a microlens); widen volume.z_mm or move the focal plane"
             )
         window, voxel = self.correlation.windows[-1][2], self.volume.voxel_mm[2]
-        if window * voxel < FEWEST_DEAD_ZONES * (far - near) / 2:
-            enough = deep_enough(camera, voxel)
+        if window * voxel < min_window_depth_mm(camera):
+            enough = min_window_voxels(camera, voxel)
             lines.append(
                 f"correlation.windows: the last ones are {window * voxel:.2g} mm deep and particles' images hardly "
                 f"less (the dead zone is {far - near:.2g} mm), so displacements in depth come out too small; give "

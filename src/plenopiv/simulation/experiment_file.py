@@ -5,7 +5,7 @@ from __future__ import annotations
 from plenopiv.cameras.coverage import coverage
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.sensor import Orientation
-from plenopiv.simulation.particles import Limits
+from plenopiv.volume import Limits
 
 TEMPLATE = """\
 # One plenoptic recording, from raw images to a velocity field:  plenopiv run experiment.toml

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError
-
-Limits = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+from plenopiv.volume import Limits
 
 
 @dataclass(frozen=True)

@@ -27,9 +27,10 @@ from plenopiv.sensor import Orientation
 from plenopiv.simulation.experiment_file import default_voxel_mm, experiment_toml
 from plenopiv.simulation.flows import Velocity, advect, describe
 from plenopiv.simulation.images import Progress, particle_image
-from plenopiv.simulation.particles import Limits, Particles, seed_box
+from plenopiv.simulation.particles import Particles, seed_box
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
 from plenopiv.simulation.white import white_image
+from plenopiv.volume import Limits
 
 COMPLETE = "experiment.toml"  # written last: where it is, the recording is whole
 

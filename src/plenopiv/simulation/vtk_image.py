@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.simulation.flow_file import FileGrid, missing_variable
+from plenopiv.simulation.file_grid import FileGrid, missing_variable
 
 XML_TYPES = {"Float32": "f4", "Float64": "f8", "Int8": "i1", "Int16": "i2", "Int32": "i4", "Int64": "i8"}
 XML_TYPES |= {"UInt8": "u1", "UInt16": "u2", "UInt32": "u4", "UInt64": "u8"}
