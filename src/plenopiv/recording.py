@@ -13,12 +13,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.sensor import Orientation, Sensor, upright
+
+if TYPE_CHECKING:
+    import tifffile
 
 EXIF = 34665
 BULKY_TAGS = {273, 279, 324, 325, EXIF}  # where the pixels lie
@@ -231,7 +235,7 @@ def _opened(path: Path, sensor: Sensor | None) -> Iterator:
         yield page
 
 
-def _whole(path: Path, page) -> None:
+def _whole(path: Path, page: tifffile.TiffPage) -> None:
     """Raise unless all of a page's strips or tiles are in the file: a reader would fill the rest with zeros."""
     file_bytes = path.stat().st_size
     offsets, counts = page.dataoffsets, page.databytecounts

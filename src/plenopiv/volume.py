@@ -22,7 +22,13 @@ class VoxelGrid:
     shape: tuple[int, int, int]
 
     @classmethod
-    def covering(cls, x_mm, y_mm, z_mm, voxel_mm) -> VoxelGrid:
+    def covering(
+        cls,
+        x_mm: tuple[float, float],
+        y_mm: tuple[float, float],
+        z_mm: tuple[float, float],
+        voxel_mm: tuple[float, float, float],
+    ) -> VoxelGrid:
         """The grid between outer faces ``(lo, hi)`` in mm: ceil((hi - lo)/voxel - 1e-6) voxels, centred."""
         first, count = [], []
         for (lo, hi), d in zip((x_mm, y_mm, z_mm), voxel_mm, strict=True):
@@ -48,12 +54,13 @@ class VoxelGrid:
         (x, y, z), (nz, _, nx) = self.first_mm, self.shape
         return VoxelGrid((x, y + low * self.voxel_mm[1], z), self.voxel_mm, (nz, high - low, nx))
 
-    def limits_mm(self) -> tuple[tuple[float, float], ...]:
+    def limits_mm(self) -> Limits:
         """Outer faces along x, y and z."""
         nz, ny, nx = self.shape
-        return tuple(
+        x, y, z = (
             (f - d / 2, f + (n - 0.5) * d) for f, d, n in zip(self.first_mm, self.voxel_mm, (nx, ny, nz), strict=True)
         )
+        return x, y, z
 
 
 class Volume(Protocol):

@@ -6,13 +6,13 @@ from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
 from plenopiv.displacement import validation
 from plenopiv.displacement.agreement import agreement
-from plenopiv.displacement.correlation import WindowCorrelator, Windows, fade
+from plenopiv.displacement.correlation import WindowCorrelator, fade
 from plenopiv.displacement.deformation import DeformedPlanes
 from plenopiv.displacement.peaks import LEAST, find_peaks, gaussian_offset, untilted
 from plenopiv.displacement.predictor import fit_spline, smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.validation import find_outliers, normalised_median, replaced
-from plenopiv.displacement.windows import window_grid
+from plenopiv.displacement.windows import WindowBatch, window_grid
 from plenopiv.errors import PlenoPIVError
 from plenopiv.volume import DenseVolume, VoxelGrid
 
@@ -79,7 +79,7 @@ def naive_correlation(a, b, weight, search):
 
 
 def normalised(correlator, a, b, cuts=None):
-    spectra = correlator.spectra(Windows.of(a), Windows.of(b), cuts)
+    spectra = correlator.spectra(WindowBatch.of(a), WindowBatch.of(b), cuts)
     return correlator.correlation(spectra) * spectra.gain
 
 
@@ -190,7 +190,7 @@ def test_no_bias_toward_zero():
             )[None].astype(np.float32)
             for side in (-0.5, 0.5)
         ]
-        spectra = correlator.spectra(*map(Windows.of, light))
+        spectra = correlator.spectra(*map(WindowBatch.of, light))
         total = total + correlator.correlation(spectra)
     d = np.zeros((1, 3))
     peaks_of(np.ascontiguousarray(total), spectra.gain, d, np.zeros(1, np.float32), np.zeros(1, bool))
@@ -213,7 +213,7 @@ def test_peak_is_where_the_second_window_went(whitening, axis, component):
     b = np.roll(a, 3, axis + 1)
     d, ratio, found = np.zeros((1, 3)), np.zeros(1, np.float32), np.zeros(1, bool)
     correlator = WindowCorrelator((16, 16, 16), (5, 5, 5), whitening=whitening)
-    spectra = correlator.spectra(Windows.of(a), Windows.of(b))
+    spectra = correlator.spectra(WindowBatch.of(a), WindowBatch.of(b))
     peaks_of(correlator.correlation(spectra), spectra.gain, d, ratio, found)
     expected = np.zeros(3)
     expected[component] = 3

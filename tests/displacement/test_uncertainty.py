@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from plenopiv.displacement.correlation import Windows
 from plenopiv.displacement.multigrid import correlation_pass, measure
 from plenopiv.displacement.noise_amplification import growth
 from plenopiv.displacement.peaks import gaussian_offset
@@ -20,7 +19,7 @@ from plenopiv.displacement.uncertainty import (
     jackknife_variance,
     standard_deviation,
 )
-from plenopiv.displacement.windows import window_grid
+from plenopiv.displacement.windows import WindowBatch, window_grid
 from plenopiv.volume import DenseVolume, VoxelGrid
 
 CUBES = CorrelationSettings(windows=((32, 32, 32),), inner_window=(32, 32, 32), fine_passes=3)
@@ -42,7 +41,7 @@ def test_filtered_windows_multiply_to_the_correlation(whitening):
     """The plain products of the two filtered windows are exactly what the correlation sums."""
     correlator = ScatterCorrelator(SIZE, (2, 3, 2), variance=0.4, whitening=whitening, taper=2.0)
     a, b = noisy_windows()
-    spectra = correlator.spectra(Windows.of(a), Windows.of(b))
+    spectra = correlator.spectra(WindowBatch.of(a), WindowBatch.of(b))
     expected = correlator.correlation(spectra)
     fa, fb = np.moveaxis(correlator.filtered(spectra), 1, 0)[..., : SIZE[1], : SIZE[2]]
     for k, j, i in [(0, 0, 0), (1, -2, 1), (-2, 3, 0)]:
@@ -56,7 +55,7 @@ def test_variance_is_the_jackknife_of_the_peak_fit():
     a, b = noisy_windows(1)
     cuts = np.zeros((2, 3, 2))
     cuts[1, 2] = 3.0, 1.2
-    spectra = correlator.spectra(Windows.of(a), Windows.of(b), cuts)
+    spectra = correlator.spectra(WindowBatch.of(a), WindowBatch.of(b), cuts)
     slanted = np.array([[1.3, 0.2, -0.4], [0.1, 1.1, 0.0], [-0.5, 0.3, 1.7]])
     got = correlator.variance(spectra, np.array([[1, 2, 0]] * 2), np.array([slanted] * 2))
     fa, fb = np.moveaxis(correlator.filtered(spectra), 1, 0)[..., : SIZE[1], : SIZE[2]].astype(float)

@@ -9,11 +9,15 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 CONTRAST = 10.0  # of bright over dark, in standard deviations of the darker half: noise alone has 7
 BRIGHTEST = 99.95  # percent: a few dots are enough
@@ -115,7 +119,7 @@ def _numbered(pixel: NDArray[np.float64], origin: int) -> dict[int, tuple[int, i
     return number
 
 
-def _first_steps(pixel, origin: int, tree) -> tuple[NDArray, NDArray] | None:
+def _first_steps(pixel: NDArray[np.float64], origin: int, tree: cKDTree) -> tuple[NDArray, NDArray] | None:
     """Steps (column, row) to the origin's neighbours along +x and +y: those most to the right and most upward among
     the nearest eight."""
     _, near = tree.query(pixel[origin], k=9)

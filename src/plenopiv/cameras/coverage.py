@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.volume import Limits
 
 
 class Coverage(NamedTuple):
@@ -51,7 +52,7 @@ def pixels_that_see(
     return columns, rows
 
 
-def coverage(camera: PlenopticCamera, limits_mm, samples: int = 41) -> Coverage:
+def coverage(camera: PlenopticCamera, limits_mm: Limits, samples: int = 41) -> Coverage:
     """Shares of the volume between ``limits_mm`` = ((x lo, hi), (y lo, hi), (z lo, hi)), from samples^3 points.
 
     The points include the volume's corners; all must lie in front of the main lens (z < S_o).

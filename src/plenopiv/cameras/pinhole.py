@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.sensor import Sensor
+from plenopiv.volume import Limits
 
 Vector = tuple[float, float, float]
 UNDISTORT_STEPS = 8  # of Newton's method; four are enough for most lenses
@@ -156,7 +157,7 @@ def looking_at(
     return PinholeCamera((float(x), float(y), float(z)), rotation_vector(turn), distance_mm / scale_mm_px, sensor)
 
 
-def share_seen(camera: PinholeCamera, limits_mm, samples: int = 21) -> float:
+def share_seen(camera: PinholeCamera, limits_mm: Limits, samples: int = 21) -> float:
     """Share of a volume between ``limits_mm`` = ((x lo, hi), (y lo, hi), (z lo, hi)) that falls on the camera's sensor,
     0 to 1, from samples^3 points with its corners among them."""
     x, y, z = (np.linspace(lo, hi, samples) for lo, hi in limits_mm)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from numpy.typing import ArrayLike, NDArray
+
 from plenopiv import optics
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
@@ -77,12 +79,12 @@ class PlenopticCamera:
         """The aperture whose images just touch: P_m = S_i p_l / f_l (f-number matching)."""
         return self.main_lens.image_distance_mm * self.lattice.pitch_mm / self.microlens_focal_length_mm
 
-    def spread(self, z_mm):
+    def spread(self, z_mm: ArrayLike) -> NDArray:
         """A(z): see ``optics.spread``."""
         lens = self.main_lens
         return optics.spread(z_mm, lens.object_distance_mm, lens.image_distance_mm, lens.focal_length_mm)
 
-    def scale(self, z_mm):
+    def scale(self, z_mm: ArrayLike) -> NDArray:
         """B(z): see ``optics.scale``."""
         return optics.scale(z_mm, self.main_lens.object_distance_mm, self.main_lens.image_distance_mm)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.volume import VoxelGrid
+from plenopiv.volume import Limits, VoxelGrid
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Pose:
         """Points or displacements (..., 3) of the object in the camera's own frame."""
         return np.asarray(points_mm, float) @ self._turn().T
 
-    def limits(self, limits_mm) -> tuple[tuple[float, float], ...]:
+    def limits(self, limits_mm: Limits) -> tuple[tuple[float, float], ...]:
         """Limits ((x lo, hi), (y lo, hi), (z lo, hi)) of a box of the object, along the camera's own axes."""
         return tuple(tuple(sorted(np.sign(a) * edge for edge in limits_mm[abs(a) - 1])) for a in self.axes)
 

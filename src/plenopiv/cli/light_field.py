@@ -8,11 +8,15 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from textwrap import wrap
+from typing import TYPE_CHECKING
 
 from plenopiv.cli.progress import Progress
 from plenopiv.cli.terminal import Outcome, painted
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FOLDER = "look"  # beside the experiment file
 PAINT = {"good": "green", "warning": "yellow", "unusable": "red"}
@@ -110,7 +114,7 @@ def _said(severity: str, words: str, advice: str) -> list[str]:
     return lines + [f"{'':<9} {'->' if k == 0 else '  '} {line}" for k, line in enumerate(wrap(advice, LETTERS - 3))]
 
 
-def _drawn(experiment: Experiment, name: str, figure) -> Outcome:
+def _drawn(experiment: Experiment, name: str, figure: Figure) -> Outcome:
     """Save a figure beside the experiment file."""
     from plenopiv.io.output import OutputFolder
     from plenopiv.report.figures import png

@@ -13,7 +13,7 @@ import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import NoReturn
+from typing import NoReturn, TextIO
 
 from plenopiv.cli.app import app
 from plenopiv.cli.terminal import speech
@@ -61,7 +61,14 @@ def _warnings_in_one_line() -> Iterator[None]:
         warnings.simplefilter("always", PlenoPIVWarning)
         usual, said = warnings.showwarning, set()
 
-        def show(message, category, filename, lineno, file=None, line=None):
+        def show(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
             if not issubclass(category, PlenoPIVWarning):
                 usual(message, category, filename, lineno, file, line)
             elif str(message) not in said:

@@ -3,37 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.spectra import correlate, transform_windows
 from plenopiv.displacement.transforms import fast_length, lines, rounded_up
+from plenopiv.displacement.windows import WindowBatch
 
 EVERYWHERE = np.ones((1, 1, 1, 1), np.float32)
-
-
-class Windows(NamedTuple):
-    """A batch of windows as they lie in memory: ``values`` float32 (flat), the place in it where each begins (batch,),
-    and the steps from plane to plane and from row to row."""
-
-    values: NDArray[np.float32]
-    begin: NDArray[np.int64]
-    plane: int
-    row: int
-
-    @classmethod
-    def cut(cls, planes: NDArray[np.float32], corners: NDArray[np.int64]) -> Windows:
-        """Windows of ``planes`` (nz, ny, nx) whose first rows and columns are ``corners`` (batch, 2)."""
-        _, ny, nx = planes.shape
-        return cls(planes.reshape(-1), corners @ np.array([nx, 1]), ny * nx, nx)
-
-    @classmethod
-    def of(cls, windows: NDArray[np.float32]) -> Windows:
-        """Windows that stand one after the other, (batch, nz, ny, nx)."""
-        count, nz, ny, nx = windows.shape
-        return cls(windows.reshape(-1), np.arange(count) * (nz * ny * nx), ny * nx, nx)
 
 
 @dataclass(frozen=True)
@@ -94,8 +72,8 @@ class WindowCorrelator:
 
     def spectra(
         self,
-        a: Windows,
-        b: Windows,
+        a: WindowBatch,
+        b: WindowBatch,
         cuts: NDArray[np.float64] | None = None,
         trust: NDArray[np.float32] | None = None,
     ) -> Spectra:

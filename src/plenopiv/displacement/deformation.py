@@ -59,7 +59,9 @@ class DeformedPlanes:
 
 
 @kernel
-def _expand_x(planes, first, weights):
+def _expand_x(
+    planes: NDArray[np.float32], first: NDArray[np.int64], weights: NDArray[np.float32]
+) -> NDArray[np.float32]:
     """Coefficients (planes, 3, rows, columns) to values along x: (planes, 3, rows, nx)."""
     count, _, rows, _ = planes.shape
     nx = first.size
@@ -79,7 +81,7 @@ def _expand_x(planes, first, weights):
 
 
 @inlined
-def _weights(t):
+def _weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32]:
     """Uniform cubic B-spline at the fraction t, float32."""
     u = np.float32(1.0) - t
     sixth = np.float32(1.0 / 6.0)
@@ -91,7 +93,7 @@ def _weights(t):
 
 
 @kernel
-def _mark(begin, end, source, marks):
+def _mark(begin: int, end: int, source: NDArray[np.float32], marks: NDArray[np.uint8]) -> None:
     """Of rows begin to end of the source, whether a line holds anything: ``marks`` (planes, ny, blocks), one for all
     that a block of samples may reach whose first neighbour is among BLOCK voxels."""
     _, ny, nx = source.shape
@@ -102,7 +104,7 @@ def _mark(begin, end, source, marks):
 
 
 @part
-def _held(line, count):
+def _held(line: NDArray[np.float32], count: int) -> np.int32:
     """Whether any of ``count`` voxels is not zero."""
     found = np.int32(0)
     for i in range(count):
@@ -111,7 +113,7 @@ def _held(line, count):
 
 
 @part
-def _any_marked(marks, x0, y0, z0):
+def _any_marked(marks: NDArray[np.uint8], x0: int, y0: int, z0: int) -> bool:
     """Whether a block of samples may reach a particle."""
     found, m = False, x0 // BLOCK
     for a in range(4):
@@ -121,7 +123,9 @@ def _any_marked(marks, x0, y0, z0):
 
 
 @part
-def _at_face(source, marks, x0, y0, z0, d, i):
+def _at_face(
+    source: NDArray[np.float32], marks: NDArray[np.uint8], x0: int, y0: int, z0: int, d: NDArray[np.float32], i: int
+) -> np.float32:
     """Voxel i of a chunk, some of whose 64 neighbours, from x0, y0, z0 on, lie outside the source."""
     depth, ny, nx = source.shape
     total = np.float32(0.0)
@@ -138,7 +142,7 @@ def _at_face(source, marks, x0, y0, z0, d, i):
 
 
 @part
-def _alike(whole, first, last):
+def _alike(whole: NDArray[np.int32], first: int, last: int) -> bool:
     """Whether voxels ``first`` to ``last`` moved by the same whole number of voxels along each axis."""
     differ = np.int32(0)
     for c in range(3):
@@ -149,7 +153,16 @@ def _alike(whole, first, last):
 
 
 @part
-def _displacements(line_0, line_1, line_2, line_3, shares, share, count, d):
+def _displacements(
+    line_0: NDArray[np.float32],
+    line_1: NDArray[np.float32],
+    line_2: NDArray[np.float32],
+    line_3: NDArray[np.float32],
+    shares: NDArray[np.float32],
+    share: np.float32,
+    count: int,
+    d: NDArray[np.float32],
+) -> None:
     """The sum of four lines times their shares."""
     s0, s1, s2, s3 = shares[0] * share, shares[1] * share, shares[2] * share, shares[3] * share
     for i in range(count):
@@ -157,14 +170,27 @@ def _displacements(line_0, line_1, line_2, line_3, shares, share, count, d):
 
 
 @part
-def _whole(d, count, whole):
+def _whole(d: NDArray[np.float32], count: int, whole: NDArray[np.int32]) -> None:
     """Displacements rounded down (in one function with their sum, neither loop would become vectors)."""
     for i in range(count):
         whole[i] = np.int32(np.floor(d[i]))
 
 
 @part
-def _sample_rows(begin, end, source, marks, source_lo, lo, along_x, first_y, weights_y, share, out, room):
+def _sample_rows(
+    begin: int,
+    end: int,
+    source: NDArray[np.float32],
+    marks: NDArray[np.uint8],
+    source_lo: int,
+    lo: int,
+    along_x: NDArray[np.float32],
+    first_y: NDArray[np.int64],
+    weights_y: NDArray[np.float32],
+    share: np.float32,
+    out: NDArray[np.float32],
+    room: tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]],
+) -> None:
     """See ``_sample``; ``room`` to work in."""
     source, marks, along_x, weights_y, out = borrowed((source, marks, along_x, weights_y, out))
     d, whole, sixteen = borrowed(room)
@@ -214,7 +240,19 @@ def _sample_rows(begin, end, source, marks, source_lo, lo, along_x, first_y, wei
 
 
 @kernel
-def _sample(begin, end, source, marks, source_lo, lo, along_x, first_y, weights_y, share, out):
+def _sample(
+    begin: int,
+    end: int,
+    source: NDArray[np.float32],
+    marks: NDArray[np.uint8],
+    source_lo: int,
+    lo: int,
+    along_x: NDArray[np.float32],
+    first_y: NDArray[np.int64],
+    weights_y: NDArray[np.float32],
+    share: np.float32,
+    out: NDArray[np.float32],
+) -> None:
     """Rows begin to end of ``out``: voxels of the source, moved by the sum of four lines of ``along_x``. Those that
     moved by the same whole number of voxels along each axis, most of a row, are sampled sixteen at a time."""
     room = np.zeros((3, STRIDE), np.float32), np.zeros((3, CHUNK), np.int32), np.zeros(BLOCK, np.float32)

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.agreement import agreement
-from plenopiv.displacement.correlation import Windows
 from plenopiv.displacement.deformation import SPLINE_VARIANCE, DeformedPlanes
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.offset import at_offset
@@ -24,7 +23,7 @@ from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.sub_windows import averaged
 from plenopiv.displacement.uncertainty import ScatterCorrelator, standard_deviation
 from plenopiv.displacement.validation import find_outliers, replaced
-from plenopiv.displacement.windows import WindowGrid, window_grid
+from plenopiv.displacement.windows import WindowBatch, WindowGrid, window_grid
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.volume import Volume
 
@@ -86,7 +85,7 @@ def correlation_pass(
 
             def work(lo: int, layer: int = layer, pa: NDArray = planes_a, pb: NDArray = planes_b) -> None:
                 part = slice(lo, min(lo + batch, len(corners)))
-                first, second = (Windows.cut(planes, corners[part]) for planes in (pa, pb))
+                first, second = (WindowBatch.cut(planes, corners[part]) for planes in (pa, pb))
                 if cuts is None:
                     spectra = correlator.spectra(first, second)
                 else:

@@ -48,7 +48,12 @@ def at_offset(
             lo, hi = max(start - reach, 0), min(start + depth + reach, planes)
             both = a.slab(lo, hi), b.slab(lo, hi)
 
-            def work(part: NDArray, layer: int = layer, both=both, begin: int = start - lo) -> None:
+            def work(
+                part: NDArray,
+                layer: int = layer,
+                both: tuple[NDArray[np.float32], NDArray[np.float32]] = both,
+                begin: int = start - lo,
+            ) -> None:
                 places = np.column_stack([np.full(len(part), begin), corners[part]])
                 vectors, again = out[layer, part], found[layer, part]
                 refine(*both, places, np.array(windows.size), vectors, again)
@@ -60,7 +65,7 @@ def at_offset(
 
 
 @inlined
-def product_of(one, two, begin, count):
+def product_of(one: NDArray[np.float32], two: NDArray[np.float32], begin: int, count: int) -> np.float32:
     """Sum of one[n] two[begin + n]."""
     first, second, total = one[:count], two[begin : begin + count], np.float32(0)
     for n in range(count):
@@ -69,7 +74,17 @@ def product_of(one, two, begin, count):
 
 
 @inlined
-def copied(b, z, y, x, size, plane, light, squares, k):
+def copied(
+    b: NDArray[np.float32],
+    z: int,
+    y: int,
+    x: int,
+    size: tuple[int, int, int],
+    plane: NDArray[np.float32],
+    light: NDArray[np.float64],
+    squares: NDArray[np.float64],
+    k: int,
+) -> None:
     """Copy plane k of the second window with a voxel more on each side into ``plane``; add the light of its rows, and
     its square, to those of the seven windows that hold them."""
     nz, ny, nx = size
@@ -100,7 +115,14 @@ def copied(b, z, y, x, size, plane, light, squares, k):
 
 
 @part
-def correlations(a, b, at, to, size, c):
+def correlations(
+    a: NDArray[np.float32],
+    b: NDArray[np.float32],
+    at: NDArray[np.int64],
+    to: NDArray[np.int64],
+    size: tuple[int, int, int],
+    c: NDArray[np.float64],
+) -> None:
     """C of a window of volume ``a`` with the one of ``b`` at ``to``, and with those before and after it along z, y and
     x: ``c`` (7,). Planes are copied into rows that follow one another, so that a plane's products are one sum."""
     nz, ny, nx = size
@@ -131,7 +153,14 @@ def correlations(a, b, at, to, size, c):
 
 
 @kernel
-def refine(a, b, corners, size, vectors, again):
+def refine(
+    a: NDArray[np.float32],
+    b: NDArray[np.float32],
+    corners: NDArray[np.int64],
+    size: NDArray[np.int64],
+    vectors: NDArray[np.float64],
+    again: NDArray[np.bool_],
+) -> None:
     """``vectors`` (count, 3), x y z, of windows whose first voxels are ``corners`` (count, 3), z y x; ``again``: which
     were found."""
     at, to, whole, c = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3, np.int64), np.empty(7)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import log
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plenopiv.kernels import kernel, part
 
@@ -15,7 +16,7 @@ PEAK_RADIUS = 3  # voxels: a second peak this close on every axis is the flank o
 
 
 @part
-def gaussian_offset(left, centre, right):
+def gaussian_offset(left: float, centre: float, right: float) -> float:
     """Where a Gaussian through three neighbours has its top, relative to the middle one (voxels).
 
     Willert & Gharib (1991). A parabola takes over when a neighbour is not positive and a logarithm would not exist;
@@ -30,7 +31,7 @@ def gaussian_offset(left, centre, right):
 
 
 @part
-def curvature(left, centre, right):
+def curvature(left: float, centre: float, right: float) -> float:
     """Minus the second derivative at the middle one of three neighbours, as ``gaussian_offset`` sees it."""
     if left > 0.0 and centre > 0.0 and right > 0.0:
         left, centre, right = log(left), log(centre), log(right)
@@ -38,7 +39,7 @@ def curvature(left, centre, right):
 
 
 @part
-def twist(r, z, y, x, one, other):
+def twist(r: NDArray[np.float32], z: int, y: int, x: int, one: int, other: int) -> float:
     """Minus the mixed second derivative of log r at a voxel, from the four corners in the plane of two axes (0 = z);
     0 where one of them is not positive."""
     total = 0.0
@@ -56,7 +57,7 @@ def twist(r, z, y, x, one, other):
 
 
 @part
-def untilted(r, z, y, x, matrix):
+def untilted(r: NDArray[np.float32], z: int, y: int, x: int, matrix: NDArray[np.float64]) -> None:
     """The matrix (3, 3), x y z, that takes the offsets of the three sections through a voxel to the offset of the top.
 
     Sections of a Gaussian whose axes are not the grid's have their tops at D^-1 H d, H its curvatures and D their
@@ -86,7 +87,15 @@ def untilted(r, z, y, x, matrix):
 
 
 @kernel
-def find_peaks(correlation, gain, displacement, peak_ratio, found, place, untilt):
+def find_peaks(
+    correlation: NDArray[np.float32],
+    gain: NDArray[np.float32],
+    displacement: NDArray[np.float64],
+    peak_ratio: NDArray[np.float32],
+    found: NDArray[np.bool_],
+    place: NDArray[np.int64],
+    untilt: NDArray[np.float64],
+) -> None:
     """Peaks of a batch of correlations: looked for as they are, placed after multiplication by ``gain``.
 
     The gain makes up for the overlap of the windows, without which peaks are pulled toward zero. It grows outward and
@@ -145,7 +154,7 @@ def find_peaks(correlation, gain, displacement, peak_ratio, found, place, untilt
 
 
 @part
-def _nearest_top(c, g, pz, py, px):
+def _nearest_top(c: NDArray[np.float32], g: NDArray[np.float32], pz: int, py: int, px: int) -> tuple[int, int, int]:
     """The maximum of c g uphill from a voxel, within the search radius: where the gain moves a top to a neighbour."""
     while True:
         best, tz, ty, tx = c[pz, py, px] * g[pz, py, px], pz, py, px

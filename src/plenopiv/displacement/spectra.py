@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plenopiv.displacement.butterflies import LANES
-from plenopiv.displacement.transforms import POINT, forward, inverse, inverse_near_zero
+from plenopiv.displacement.transforms import POINT, Lines, forward, inverse, inverse_near_zero
+from plenopiv.displacement.windows import WindowBatch
 from plenopiv.kernels import kernel, part
 
 
 @part
-def weigh(windows, n, z, y, x, trust, space, to, plane, wide):
+def weigh(
+    windows: WindowBatch,
+    n: int,
+    z: NDArray[np.float32],
+    y: NDArray[np.float32],
+    x: NDArray[np.float32],
+    trust: NDArray[np.float32],
+    space: NDArray[np.float32],
+    to: int,
+    plane: int,
+    wide: int,
+) -> bool:
     """(window - mean) w of window n into ``space`` from ``to`` on, in planes of ``plane`` and rows of ``wide`` floats;
     whether it holds more than one value."""
     nx, everywhere = x.size, trust.size == 1
@@ -47,8 +60,20 @@ def weigh(windows, n, z, y, x, trust, space, to, plane, wide):
 
 
 @kernel
-def transform_windows(a, b, z, y, x, trust, plans, wide, high, pairs, lit):
-    """Spectra of a + i b, ``Windows`` weighted by ``z``, ``y``, ``x`` (batch or 1, n) and ``trust``."""
+def transform_windows(
+    a: WindowBatch,
+    b: WindowBatch,
+    z: NDArray[np.float32],
+    y: NDArray[np.float32],
+    x: NDArray[np.float32],
+    trust: NDArray[np.float32],
+    plans: tuple[Lines, Lines, Lines],
+    wide: int,
+    high: int,
+    pairs: NDArray[np.float32],
+    lit: NDArray[np.bool_],
+) -> None:
+    """Spectra of a + i b, both windows weighted by ``z``, ``y``, ``x`` (batch or 1, n) and ``trust``."""
     plane = high * wide
     whole, columns = plans[0].points * plane, max(wide, max(plans[0].points, plans[1].points))
     space, rows = np.zeros(2 * whole, np.float32), np.zeros(2 * plane, np.float32)
@@ -64,7 +89,13 @@ def transform_windows(a, b, z, y, x, trust, plans, wide, high, pairs, lit):
 
 
 @part
-def cross_spectrum(pair, plans, high, half, strength):
+def cross_spectrum(
+    pair: NDArray[np.float32],
+    plans: tuple[Lines, Lines, Lines],
+    high: int,
+    half: NDArray[np.float32],
+    strength: NDArray[np.float32],
+) -> np.float32:
     """S = conj(A) B of the transform of a + i b for the planes kz = 0 to nz // 2, and |S|, of which the mean over the
     whole spectrum is returned. A is the even part of the transform, i B the odd one:
     2 A(k) = Z(k) + conj Z(-k), 2 i B(k) = Z(k) - conj Z(-k)."""
@@ -94,7 +125,14 @@ def cross_spectrum(pair, plans, high, half, strength):
 
 
 @part
-def whiten(strength, mean, filters, whitening, ny, high):
+def whiten(
+    strength: NDArray[np.float32],
+    mean: np.float32,
+    filters: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
+    whitening: np.float32,
+    ny: int,
+    high: int,
+) -> None:
     """|S|^-whitening times the filter, in place of |S|."""
     of_z, of_y, of_x = filters
     nx = of_x.size
@@ -114,7 +152,16 @@ def whiten(strength, mean, filters, whitening, ny, high):
 
 
 @kernel
-def correlate(pairs, plans, high, filters, whitening, radius, turns, out):
+def correlate(
+    pairs: NDArray[np.float32],
+    plans: tuple[Lines, Lines, Lines],
+    high: int,
+    filters: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
+    whitening: np.float32,
+    radius: tuple[int, int, int],
+    turns: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> None:
     """R near zero displacement of each pair of windows of a batch."""
     along_z, along_y, along_x = plans
     planes, nx, wide = along_z.points // 2 + 1, along_x.points, (out.shape[3] + LANES - 1) // LANES * LANES
@@ -134,7 +181,15 @@ def correlate(pairs, plans, high, filters, whitening, radius, turns, out):
 
 
 @kernel
-def as_correlated(pairs, plans, wide, high, filters, whitening, out):
+def as_correlated(
+    pairs: NDArray[np.float32],
+    plans: tuple[Lines, Lines, Lines],
+    wide: int,
+    high: int,
+    filters: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
+    whitening: np.float32,
+    out: NDArray[np.float32],
+) -> None:
     """The windows a and b that the correlation multiplies, (batch, 2, nz ny' nx'): each takes the square root of the
     factor that whitening and smoothing put on the cross spectrum."""
     along_z, along_y, along_x = plans

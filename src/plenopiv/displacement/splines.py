@@ -4,19 +4,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from plenopiv.displacement.butterflies import FUSED, INDEX, LANES, VECTOR, load, pointer, store
+from plenopiv.displacement.butterflies import FUSED, INDEX, LANES, VECTOR, Intrinsic, load, pointer, store
 
 
-def _constant(value):
+def _constant(value: float) -> ir.Constant:
     return ir.Constant(VECTOR, [value] * LANES)
 
 
-def _cubic(builder, moved):
+def _cubic(builder: ir.IRBuilder, moved: ir.Value) -> tuple[ir.Value, ...]:
     """The four weights of the uniform cubic B-spline at the fractions of ``moved``."""
     kind = ir.FunctionType(VECTOR, [VECTOR])
     floor = cgutils.get_or_insert_function(builder.module, kind, f"llvm.floor.v{LANES}f32")
@@ -33,7 +36,21 @@ def _cubic(builder, moved):
 
 
 @intrinsic
-def sample_sixteen(typing, source, at, row, plane, marks, mark, blocks, layer, moved, begin, step, out):
+def sample_sixteen(
+    typing: Any,
+    source: types.Array,
+    at: types.Integer,
+    row: types.Integer,
+    plane: types.Integer,
+    marks: types.Array,
+    mark: types.Integer,
+    blocks: types.Integer,
+    layer: types.Integer,
+    moved: types.Array,
+    begin: types.Integer,
+    step: types.Integer,
+    out: types.Array,
+) -> Intrinsic:
     """Samples i = 0 to 15 of the ``source`` (flat) with its cubic B-spline:
 
         out[i] = sum_abe wz_ai wy_bi wx_ei source[at + a plane + b row + e + i],    a, b, e = 0 to 3
@@ -44,7 +61,7 @@ def sample_sixteen(typing, source, at, row, plane, marks, mark, blocks, layer, m
     n = types.int64
     signature = types.void(source, n, n, n, marks, n, n, n, moved, n, n, out)
 
-    def generate(context, builder, signature, arguments):
+    def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Sequence[ir.Value]) -> ir.Value:
         source, at, row, plane, marks, mark, blocks, layer, moved, begin, step, out = arguments
         kinds = signature.args
         start = pointer(context, builder, kinds[0], source, at)
@@ -52,14 +69,14 @@ def sample_sixteen(typing, source, at, row, plane, marks, mark, blocks, layer, m
         displaced = pointer(context, builder, kinds[8], moved, begin)
         to = pointer(context, builder, kinds[11], out, ir.Constant(INDEX, 0))
 
-        def steps(a, of_a, b=0, of_b=step):
+        def steps(a: int, of_a: ir.Value, b: int = 0, of_b: ir.Value = step) -> ir.Value:
             """a of_a + b of_b."""
             a, b = (builder.mul(size, ir.Constant(INDEX, n)) for size, n in ((of_a, a), (of_b, b)))
             return builder.add(a, b)
 
         of_x, of_y, of_z = (_cubic(builder, load(builder, displaced, steps(c, step))) for c in range(3))
 
-        def multiply_add(a, b, c):
+        def multiply_add(a: ir.Value, b: ir.Value, c: ir.Value) -> ir.Value:
             return builder.fadd(builder.fmul(a, b, flags=FUSED), c, flags=FUSED)
 
         total, in_plane = (cgutils.alloca_once(builder, VECTOR) for _ in range(2))

@@ -66,7 +66,21 @@ def lines(count: int) -> Lines:
 
 
 @part
-def stage(radix, m, stride, source, at, step, apart, target, to, to_step, to_apart, twiddles, first):
+def stage(
+    radix: int,
+    m: int,
+    stride: np.int64,
+    source: NDArray[np.float32],
+    at: int,
+    step: np.int64,
+    apart: np.int64,
+    target: NDArray[np.float32],
+    to: int,
+    to_step: np.int64,
+    to_apart: np.int64,
+    twiddles: NDArray[np.float32],
+    first: np.int64,
+) -> None:
     """One stage of Stockham's method: ``m`` times ``stride`` butterflies."""
     gap, to_gap = step * stride * m, to_step * stride
     for p in range(m):
@@ -84,7 +98,18 @@ def stage(radix, m, stride, source, at, step, apart, target, to, to_step, to_apa
 
 
 @kernel
-def transform(plan, source, at, step, apart, target, to, to_step, to_apart, work):
+def transform(
+    plan: Lines,
+    source: NDArray[np.float32],
+    at: int,
+    step: np.int64,
+    apart: np.int64,
+    target: NDArray[np.float32],
+    to: int,
+    to_step: np.int64,
+    to_apart: np.int64,
+    work: NDArray[np.float32],
+) -> None:
     """Transform LANES lines: points ``step`` floats apart from ``at`` on in ``source``, imaginary parts ``apart``
     floats after real ones, to ``target`` likewise. ``work`` holds two lines of POINTs. With real and imaginary parts
     exchanged on both sides (``apart`` negative) it is the inverse, but for 1 / points."""
@@ -106,7 +131,15 @@ def transform(plan, source, at, step, apart, target, to, to_step, to_apart, work
 
 
 @inlined
-def forward(plans, wide, high, space, rows, spectrum, work):
+def forward(
+    plans: tuple[Lines, Lines, Lines],
+    wide: int,
+    high: int,
+    space: NDArray[np.float32],
+    rows: NDArray[np.float32],
+    spectrum: NDArray[np.float32],
+    work: NDArray[np.float32],
+) -> None:
     """The spectrum of a window, flat as ``space`` is, which is overwritten. ``wide``, ``high``: nx', ny'. ``rows`` (two
     planes) and ``work`` are room to work in."""
     along_z, along_y, along_x = plans
@@ -128,7 +161,17 @@ def forward(plans, wide, high, space, rows, spectrum, work):
 
 
 @part
-def inverse_plane(plans, wide, spectrum, at, apart, high, begin, rows, work):
+def inverse_plane(
+    plans: tuple[Lines, Lines, Lines],
+    wide: int,
+    spectrum: NDArray[np.float32],
+    at: int,
+    apart: int,
+    high: int,
+    begin: int,
+    rows: NDArray[np.float32],
+    work: NDArray[np.float32],
+) -> None:
     """Of one plane of a spectrum from ``at`` on the inverse along x, as rows (2, ny', ``wide``): their first column is
     x = ``begin`` (which wraps around), times nx."""
     _, along_y, along_x = plans
@@ -149,7 +192,15 @@ def inverse_plane(plans, wide, spectrum, at, apart, high, begin, rows, work):
 
 
 @inlined
-def inverse(plans, wide, high, spectrum, rows, space, work):
+def inverse(
+    plans: tuple[Lines, Lines, Lines],
+    wide: int,
+    high: int,
+    spectrum: NDArray[np.float32],
+    rows: NDArray[np.float32],
+    space: NDArray[np.float32],
+    work: NDArray[np.float32],
+) -> None:
     """The window of a spectrum, times nx ny nz."""
     along_z, along_y, along_x = plans
     nz, nx, plane = along_z.points, along_x.points, high * wide
@@ -166,7 +217,17 @@ def inverse(plans, wide, high, spectrum, rows, space, work):
 
 
 @inlined
-def inverse_near_zero(plans, high, half, radius, turns, rows, near, out, work):
+def inverse_near_zero(
+    plans: tuple[Lines, Lines, Lines],
+    high: int,
+    half: NDArray[np.float32],
+    radius: tuple[int, int, int],
+    turns: NDArray[np.float32],
+    rows: NDArray[np.float32],
+    near: NDArray[np.float32],
+    out: NDArray[np.float32],
+    work: NDArray[np.float32],
+) -> None:
     """Real values at places -r - 1 <= d <= r + 1 (``radius``: r along z, y, x) of the spectrum of a real window, times
     nx ny nz.
 

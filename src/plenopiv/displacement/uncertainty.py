@@ -76,7 +76,7 @@ class ScatterCorrelator(WindowCorrelator):
 
 
 @part
-def wrapped(window, shift, out):
+def wrapped(window: NDArray[np.float32], shift: NDArray[np.int64], out: NDArray[np.float32]) -> None:
     """``window``, moved by -``shift`` (x, y, z) around its ends, with its first plane, row and column once more."""
     nz, ny, nx = out.shape[0] - 1, out.shape[1] - 1, out.shape[2] - 1
     begin = shift[0] % nx
@@ -89,7 +89,13 @@ def wrapped(window, shift, out):
 
 
 @kernel
-def block_sums(pairs, size, place, blocks, out):
+def block_sums(
+    pairs: NDArray[np.float32],
+    size: tuple[int, int, int],
+    place: NDArray[np.int64],
+    blocks: NDArray[np.int64],
+    out: NDArray[np.float64],
+) -> None:
     """Contribution of each block of a window to the peak and its six neighbours.
 
     ``pairs``: as ``filtered``, windows of ``size`` (nz, ny, nx) with the peak at ``place`` (batch, 3). Adds to ``out``
@@ -122,7 +128,7 @@ def block_sums(pairs, size, place, blocks, out):
 
 
 @kernel
-def jackknife_variance(sums, untilt, variance):
+def jackknife_variance(sums: NDArray[np.float64], untilt: NDArray[np.float64], variance: NDArray[np.float64]) -> None:
     """Delete-one variance of the Gaussian peak fit: (n - 1)/n sum_i (d_i - mean d)^2 over the n blocks left out.
 
     ``sums``: (batch, blocks, 7) as of ``block_sums``, normalised by overlap; ``untilt`` (batch, 3, 3), the same for all

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,28 @@ class WindowGrid:
     def centres(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Window centres along z, y, x as voxel indices; half-integers for even windows."""
         return tuple(s + 0.5 * (n - 1) for s, n in zip(self.starts, self.size, strict=True))  # type: ignore[return-value]
+
+
+class WindowBatch(NamedTuple):
+    """A batch of windows as they lie in memory: ``values`` float32 (flat), the place in it where each begins (batch,),
+    and the steps from plane to plane and from row to row."""
+
+    values: NDArray[np.float32]
+    begin: NDArray[np.int64]
+    plane: int
+    row: int
+
+    @classmethod
+    def cut(cls, planes: NDArray[np.float32], corners: NDArray[np.int64]) -> WindowBatch:
+        """Windows of ``planes`` (nz, ny, nx) whose first rows and columns are ``corners`` (batch, 2)."""
+        _, ny, nx = planes.shape
+        return cls(planes.reshape(-1), corners @ np.array([nx, 1]), ny * nx, nx)
+
+    @classmethod
+    def of(cls, windows: NDArray[np.float32]) -> WindowBatch:
+        """Windows that stand one after the other, (batch, nz, ny, nx)."""
+        count, nz, ny, nx = windows.shape
+        return cls(windows.reshape(-1), np.arange(count) * (nz * ny * nx), ny * nx, nx)
 
 
 def window_grid(shape: tuple[int, int, int], window: Size, overlap: float) -> WindowGrid:

@@ -5,7 +5,7 @@ Points are at vectors or at the centres of voxels, coordinates in mm. Velocity i
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -65,15 +65,22 @@ def write_volume_vtkhdf(path: str | Path, volume: Volume, name: str = "intensity
             out[lo:hi] = volume.slab(lo, hi)
 
 
-def _axes(dataset: xarray.Dataset):
+def _axes(dataset: xarray.Dataset) -> tuple[tuple[float, ...], tuple[float, ...], tuple[int, int, int]]:
     """First point, spacing (x, y, z) in mm, and shape (nz, ny, nx)."""
     axes = [dataset[c].values.astype(float) for c in "xyz"]
     spacing = tuple(float(a[1] - a[0]) if a.size > 1 else 1.0 for a in axes)
-    return tuple(float(a[0]) for a in axes), spacing, tuple(a.size for a in axes[::-1])
+    x, y, z = axes
+    return tuple(float(a[0]) for a in axes), spacing, (z.size, y.size, x.size)
 
 
 @contextmanager
-def _image(path: str | Path, first, spacing, shape, steps=None) -> Iterator[h5py.Group]:
+def _image(
+    path: str | Path,
+    first: Sequence[float],
+    spacing: Sequence[float],
+    shape: tuple[int, int, int],
+    steps: Sequence[float] | None = None,
+) -> Iterator[h5py.Group]:
     """The group of a new file's point data; the file takes its name when it is whole."""
     import h5py
 

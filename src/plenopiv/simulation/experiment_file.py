@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from plenopiv.cameras.coverage import coverage
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.sensor import Orientation
@@ -65,7 +67,7 @@ def default_voxel_mm(camera: PlenopticCamera) -> tuple[float, float, float]:
     return in_plane, in_plane, round(camera.lattice.pitch_mm / m**2, 10)
 
 
-def _floats(values) -> str:
+def _floats(values: Iterable[float]) -> str:
     return "[" + ", ".join(repr(float(v)) for v in values) + "]"
 
 

@@ -99,7 +99,15 @@ def particle_image(
     return image
 
 
-def _patch_windows(camera, x, y, spread, scale, particle_sigma_mm, blur_sigma_mm) -> NDArray[np.int64]:
+def _patch_windows(
+    camera: PlenopticCamera,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    spread: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    particle_sigma_mm: float,
+    blur_sigma_mm: float,
+) -> NDArray[np.int64]:
     """First column, first row, columns and rows of the pixels that each particle's light can reach; (n, 4).
 
     A ray's hit differs from s (1 + e) by (S - s) - e u, at most half a cell's diagonal and half a micro-image.

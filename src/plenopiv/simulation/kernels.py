@@ -9,6 +9,7 @@ from __future__ import annotations
 from math import cos, floor, log, pi, sin, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plenopiv.kernels import plain_kernel, plain_part
 
@@ -18,7 +19,7 @@ LARGEST_DEVIATE = 8.6  # of _normal_pair: sqrt(-2 log 2^-53)
 
 
 @plain_part
-def mix(seed, counter):
+def mix(seed: np.uint64, counter: int) -> np.uint64:
     """64 random bits of a counter (splitmix64; Steele, Lea & Flood 2014)."""
     z = np.uint64(seed) + (np.uint64(counter) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -27,13 +28,13 @@ def mix(seed, counter):
 
 
 @plain_part
-def _uniform(seed, counter):
+def _uniform(seed: np.uint64, counter: int) -> float:
     """A number in [0, 1) for a counter."""
     return float(mix(seed, counter) >> np.uint64(11)) * 1.1102230246251565e-16
 
 
 @plain_part
-def _normal_pair(seed, counter):
+def _normal_pair(seed: np.uint64, counter: int) -> tuple[float, float]:
     """Two standard normal deviates (Box-Muller)."""
     r = sqrt(-2.0 * log(1.0 - _uniform(seed, counter)))
     angle = 2.0 * pi * _uniform(seed, counter + 1)
@@ -41,7 +42,7 @@ def _normal_pair(seed, counter):
 
 
 @plain_part
-def nearest_lens(a, b, hexagonal):
+def nearest_lens(a: float, b: float, hexagonal: bool) -> tuple[float, float]:
     """Centre, in pitches from lens (0, 0), of the lens whose cell holds the lattice coordinates (a, b).
 
     On a hexagonal lattice it is the nearest lens of the row below or that of the row above.
@@ -60,24 +61,26 @@ def nearest_lens(a, b, hexagonal):
 
 @plain_kernel
 def trace_items(
-    begin, end,  # items to trace
-    particle,  # int64 (items,): which particle
-    first_ray,  # int64 (items,)
-    last_ray,  # int64 (items,): one past
-    window,  # int64 (items, 4): first column, first row, columns, rows of the patch
-    start,  # int64 (items,): where the patch begins in patches
-    patches,  # float64, zeros on entry
-    x_mm, y_mm, spread, scale, weight,  # (particles,): position, A, B, electrons per ray
-    rays,
-    stratified,
-    seed,
-    aperture_radius_mm,
-    particle_sigma_mm,
-    blur_sigma_mm,
-    hexagonal, pitch_mm, rotation_rad, offset_s_mm, offset_t_mm,
-    image_scale,
-    column0, row0, pixel_mm,
-):  # fmt: skip
+    begin: int, end: int,  # items to trace
+    particle: NDArray[np.int64],  # (items,): which particle
+    first_ray: NDArray[np.int64],  # (items,)
+    last_ray: NDArray[np.int64],  # (items,): one past
+    window: NDArray[np.int64],  # (items, 4): first column, first row, columns, rows of the patch
+    start: NDArray[np.int64],  # (items,): where the patch begins in patches
+    patches: NDArray[np.float64],  # zeros on entry
+    x_mm: NDArray[np.float64], y_mm: NDArray[np.float64],  # (particles,): position
+    spread: NDArray[np.float64], scale: NDArray[np.float64],  # (particles,): A, B
+    weight: NDArray[np.float64],  # (particles,): electrons per ray
+    rays: int,
+    stratified: bool,
+    seed: np.uint64,
+    aperture_radius_mm: float,
+    particle_sigma_mm: float,
+    blur_sigma_mm: float,
+    hexagonal: bool, pitch_mm: float, rotation_rad: float, offset_s_mm: float, offset_t_mm: float,
+    image_scale: float,
+    column0: float, row0: float, pixel_mm: float,
+) -> None:  # fmt: skip
     """Trace rays of every item into its patch.
 
     ``s = A u + B x``; the microlens at S that holds (s, t) sends the ray to ``S (1 + e) + e ((s - S) - u)`` on the
@@ -129,7 +132,14 @@ def trace_items(
 
 
 @plain_kernel
-def add_patches(begin, end, image, window, start, patches):
+def add_patches(
+    begin: int,
+    end: int,
+    image: NDArray[np.float64],
+    window: NDArray[np.int64],
+    start: NDArray[np.int64],
+    patches: NDArray[np.float64],
+) -> None:
     """Add patches to rows ``begin`` to ``end`` of the image (rows, columns) in item order."""
     for row in range(begin, end):
         for item in range(start.size):
@@ -141,7 +151,7 @@ def add_patches(begin, end, image, window, start, patches):
 
 
 @plain_part
-def _corner_area(x, y, radius):
+def _corner_area(x: float, y: float, radius: float) -> float:
     """Area of the part of a disc about the origin with 0 < coordinates < (x, y); odd in x and in y."""
     sign = (1.0 if x > 0 else -1.0) * (1.0 if y > 0 else -1.0)
     x, y = min(abs(x), radius), min(abs(y), radius)
@@ -155,7 +165,7 @@ def _corner_area(x, y, radius):
 
 
 @plain_part
-def disc_in_pixel(dx, dy, radius):
+def disc_in_pixel(dx: float, dy: float, radius: float) -> float:
     """Share of a unit pixel that a disc centred (dx, dy) pixels away from the pixel's centre covers; exact."""
     x0, x1, y0, y1 = -dx - 0.5, -dx + 0.5, -dy - 0.5, -dy + 0.5
     return (
@@ -168,8 +178,9 @@ def disc_in_pixel(dx, dy, radius):
 
 @plain_kernel
 def aperture_images(
-    begin, end, image, radius_px, hexagonal, pitch_px, rotation_rad, offset_s_px, offset_t_px, column0, row0
-):  # fmt: skip
+    begin: int, end: int, image: NDArray[np.float64], radius_px: float, hexagonal: bool, pitch_px: float,
+    rotation_rad: float, offset_s_px: float, offset_t_px: float, column0: float, row0: float,
+) -> None:  # fmt: skip
     """Fill rows ``begin`` to ``end`` of the image with the share of each pixel that discs centred on the lattice's
     nodes cover, all summed.
 

@@ -198,7 +198,9 @@ def _counted(progress: Progress | None, before: int, total: int) -> Callable[[in
     return None if progress is None else lambda done, _: progress(before + done, total)
 
 
-def _optics(camera: PlenopticCamera, orientation, dt_s, wavelength_nm, ppm, volume_mm: Limits) -> dict[str, Any]:
+def _optics(
+    camera: PlenopticCamera, orientation: Orientation, dt_s: float, wavelength_nm: float, ppm: float, volume_mm: Limits
+) -> dict[str, Any]:
     lens, sensor = camera.main_lens, camera.sensor
     return {
         "main_lens": {
