@@ -84,13 +84,13 @@ class _Finder(ast.NodeVisitor):
         row = self.rows[line - 1]
         return self.begins[line - 1] + (column if row.isascii() else len(row.encode()[:column].decode()))
 
-    def span(self, node) -> tuple[int, int]:
+    def span(self, node: ast.expr) -> tuple[int, int]:
         return self.place(node.lineno, node.col_offset), self.place(node.end_lineno, node.end_col_offset)
 
     def add(self, kind: str, *edits: Edit) -> None:
         self.found.append((".".join(self.scope) or "module", kind, list(edits), self.lines[-1]))
 
-    def source(self, node) -> str:
+    def source(self, node: ast.expr) -> str:
         start, end = self.span(node)
         return self.text[start:end]
 

@@ -34,7 +34,9 @@ def test_planes_far_from_focus_are_joined_both_ways(side):
     assert list(even) == [2] * 7
     assert list(odd) == [1] + [2] * 6 + [1]
     read = projector.images.in_twos[0]
-    np.testing.assert_allclose(read.table, (projector.planes[::2] + projector.planes[1::2]) / 2, rtol=1e-6)
+    np.testing.assert_allclose(
+        read.table, (projector.camera.planes[::2] + projector.camera.planes[1::2]) / 2, rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize(("z_mm", "step_mm"), [((-0.7, 0.7), 0.05), ((-9.0, 9.0), 1.5)])

@@ -11,7 +11,7 @@ from oracles.naive_projection import exact_light, ray_light
 from plenopiv.lightfield import layout
 from plenopiv.projection.plenoptic.candidates.kernels import LEAST_SHARE
 from plenopiv.projection.plenoptic.candidates.rule import judging_views
-from plenopiv.projection.plenoptic.geometry import Plane, planes
+from plenopiv.projection.plenoptic.geometry import CameraOnGrid, Plane, planes
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.volume import VoxelGrid
 
@@ -36,7 +36,7 @@ def random_bound(where, seed):
     """One in ten pixels of the views that are asked allows 0 to all of what a pixel can get, the rest anything."""
     rng = np.random.default_rng(seed)
     bound = rng.uniform(0, 0.03 * PARTICLE, where.seen.shape)
-    asked = np.isin(np.arange(where.views), judging_views(PlenopticProjector(where, grid_at(STARTS[0]))))
+    asked = np.isin(np.arange(where.views), judging_views(CameraOnGrid(where, grid_at(STARTS[0]))))
     return np.where((rng.random(bound.shape) < 0.9) | ~asked[:, None], np.inf, bound).astype(np.float32)
 
 

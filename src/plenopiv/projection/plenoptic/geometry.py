@@ -16,12 +16,14 @@ At the aperture's rim the pixel is cut by the disc |u| <= P_m/2: in pixels of q,
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import cos, pi, sin
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.cameras.coverage import half_sensor_mm
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.lightfield import Layout
 from plenopiv.volume import VoxelGrid
@@ -110,22 +112,46 @@ def camera_constants(camera: PlenopticCamera, grid: VoxelGrid) -> CameraConstant
     )
 
 
+class CameraOnGrid:
+    """A camera's layout of pixels and a grid of voxels, with what kernels need of both.
+
+    ``cam``, ``planes`` (nz, 14): their constants. ``lens_mm`` (lens, 2): centres of the microlenses, s and t. ``rim``
+    (view,): the views with pixels that the aperture's rim cuts.
+    """
+
+    def __init__(self, layout: Layout, grid: VoxelGrid):
+        self.layout, self.grid = layout, grid
+        self.cam, self.planes = camera_constants(layout.camera, grid), planes(layout.camera, grid)
+        self.lens_mm = lenses_mm(layout)
+        m, n = np.abs(layout.offsets).T
+        self.rim = np.hypot(m + 1.05, n + 1.05) > layout.camera.aperture_radius_px  # phase and drift move it by 0.55
+
+    def column(self, *names: str) -> NDArray[np.float32]:
+        """``column_of`` its planes."""
+        return column_of(self.planes, *names)
+
+    def visible_planes(self) -> Iterator[NDArray[np.bool_]]:
+        """Plane by plane the voxels (ny, nx) that the middle of the aperture sees; about half the views see one at the
+        border."""
+        half_s, half_t = half_sensor_mm(self.layout.camera)
+        x, y, z = self.grid.axes()
+        for scale in np.abs(self.layout.camera.scale(z)):
+            yield (scale * np.abs(y) <= half_t)[:, None] & (scale * np.abs(x) <= half_s)
+
+    def met_by(self, view: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where the pixels of a view meet the first and the last plane: columns and rows, each (2, lens), in voxels. In
+        between, light runs straight."""
+        (m, n), layout, found = self.layout.offsets[view], self.layout, []
+        for k in (0, -1):
+            plane = Plane(*self.planes[k].astype(np.float64))
+            column = plane.voxel_s * self.lens_mm[:, 0] + plane.step_x * (m - layout.phase[:, 0]) - self.cam.x0
+            row = plane.voxel_t * self.lens_mm[:, 1] + plane.step_y * (layout.phase[:, 1] - n) - self.cam.y0
+            found.append((column, row))
+        columns, rows_of_voxels = zip(*found, strict=True)
+        return np.stack(columns), np.stack(rows_of_voxels)
+
+
 def lenses_mm(layout: Layout) -> NDArray[np.float32]:
     """Centres of the microlenses, (lens, 2), s and t."""
     j, i = np.mgrid[layout.j0 : layout.j0 + layout.nj, layout.i0 : layout.i0 + layout.ni]
     return np.stack(layout.camera.lattice.centres(i.ravel(), j.ravel()), -1).astype(np.float32)
-
-
-def ends(
-    layout: Layout, cam: CameraConstants, table: NDArray[np.float32], lens_mm: NDArray[np.float32], view: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where the pixels of a view meet the first and the last plane of ``table`` (``planes``): columns and rows, each
-    (2, lens), in voxels. In between, light runs straight."""
-    (m, n), found = layout.offsets[view], []
-    for k in (0, -1):
-        plane = Plane(*table[k].astype(np.float64))
-        column = plane.voxel_s * lens_mm[:, 0] + plane.step_x * (m - layout.phase[:, 0]) - cam.x0
-        row = plane.voxel_t * lens_mm[:, 1] + plane.step_y * (layout.phase[:, 1] - n) - cam.y0
-        found.append((column, row))
-    columns, rows_of_voxels = zip(*found, strict=True)
-    return np.stack(columns), np.stack(rows_of_voxels)

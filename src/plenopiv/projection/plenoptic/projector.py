@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from math import ceil, pi
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plenopiv.cameras.coverage import half_sensor_mm
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import Layout, decode
-from plenopiv.projection.plenoptic import geometry, pixel_weights
+from plenopiv.projection.plenoptic import pixel_weights
 from plenopiv.projection.plenoptic.by_voxel.views import ViewsByVoxel
-from plenopiv.projection.plenoptic.candidates.kernels import weight_sums_of_planes
-from plenopiv.projection.plenoptic.candidates.rule import candidate_planes
+from plenopiv.projection.plenoptic.candidates.rule import candidate_planes, weight_sums
+from plenopiv.projection.plenoptic.geometry import CameraOnGrid
 from plenopiv.projection.plenoptic.plane_maps.maps import ACROSS
 from plenopiv.projection.plenoptic.plane_maps.views import MappedViews
 from plenopiv.projection.protocol import Projection
-from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 RULES = {
@@ -42,18 +40,11 @@ class PlenopticProjector:
     """
 
     def __init__(self, layout: Layout, grid: VoxelGrid, weights: str = "exact", across: float = ACROSS):
-        camera = layout.camera
         self.layout, self.grid, self.weights, self.across = layout, grid, weights, across
-        self.rule, self.lens_mm = RULES[weights], geometry.lenses_mm(layout)
-        self.cam, self.planes = geometry.camera_constants(camera, grid), geometry.planes(camera, grid)
-        m, n = np.abs(layout.offsets).T
-        self.rim = np.hypot(m + 1.05, n + 1.05) > camera.aperture_radius_px  # phase and drift move a pixel by 0.55
+        self.rule, self.camera = RULES[weights], CameraOnGrid(layout, grid)
         self._equations: NDArray[np.bool_] | None = None  # of a tile; all that the layout has otherwise
-        both = layout, grid, self.cam, self.planes
         self.images: MappedViews | ViewsByVoxel = (
-            MappedViews(*both, self.lens_mm, self.rim, across)
-            if weights == "exact"
-            else ViewsByVoxel(*both, self.rim, self.rule)
+            MappedViews(self.camera, across) if weights == "exact" else ViewsByVoxel(self.camera, self.rule)
         )
 
     @property
@@ -69,7 +60,7 @@ class PlenopticProjector:
     @property
     def whole_views(self) -> NDArray[np.int64]:
         """The views whose pixels lie inside the aperture under every microlens."""
-        return np.flatnonzero(~self.rim)
+        return np.flatnonzero(~self.camera.rim)
 
     @property
     def light_in_focus(self) -> float:
@@ -82,22 +73,16 @@ class PlenopticProjector:
             self.grid, (np.ones(self.grid.shape[1:], bool) for _ in range(self.grid.shape[0]))
         )
 
-    def visible_planes(self) -> Iterator[NDArray[np.bool_]]:
-        """Plane by plane the voxels (ny, nx) that the middle of the aperture sees; about half the views see one at the
-        border."""
-        half_s, half_t = half_sensor_mm(self.layout.camera)
-        x, y, z = self.grid.axes()
-        for scale in np.abs(self.layout.camera.scale(z)):
-            yield (scale * np.abs(y) <= half_t)[:, None] & (scale * np.abs(x) <= half_s)
-
     def visible_voxels(self) -> SparseVolume:
         """The voxels that the middle of the aperture sees, each of value 1."""
-        return SparseVolume.from_planes(self.grid, self.visible_planes())
+        return SparseVolume.from_planes(self.grid, self.camera.visible_planes())
 
     def candidates(self, most: NDArray[np.float32], particle: ArrayLike) -> SparseVolume:
         """The visible voxels in which a particle of ``particle`` counts gives no pixel more than ``most`` (view, lens),
         by dense ray tracing (``candidates.rule``)."""
-        return SparseVolume.from_planes(self.grid, candidate_planes(self, most, float(np.max(particle))))
+        return SparseVolume.from_planes(
+            self.grid, candidate_planes(self.camera, self.rule, most, float(np.max(particle)))
+        )
 
     def values_of(self, images: Sequence[NDArray]) -> NDArray[np.float32]:
         """The frame's one image (rows, columns), in counts, as (view, lens) above the black level.
@@ -129,20 +114,16 @@ class PlenopticProjector:
 
     def light_of_planes(self) -> NDArray[np.float32]:
         """Share of a voxel's light that a wholly lit pixel collects, by plane (nz,)."""
-        return geometry.column_of(self.planes, "light")
+        return self.camera.column("light")
 
     def weight_sums(self) -> NDArray[np.float64]:
         """How widely each plane spreads a voxel's light, (nz, 3): over all voxels of an endless plane, the sum of their
         weights in one pixel and the sum of the weights' squares; and the largest weight."""
-        out = np.empty((self.grid.shape[0], 3))
-        in_threads(weight_sums_of_planes, len(out), self.cam, self.planes, out)
-        cells = geometry.column_of(self.planes, "cell_x", "cell_y")
-        out[:, :2] /= np.abs(cells[:, :1] * cells[:, 1:])
-        return out
+        return weight_sums(self.camera)
 
     def looks_through(self, view: int) -> NDArray[np.bool_]:
         """The lenses (lens,) whose pixel in a view meets every plane inside the grid."""
-        column, row = geometry.ends(self.layout, self.cam, self.planes, self.lens_mm, view)
+        column, row = self.camera.met_by(view)
         _, ny, nx = self.grid.shape
         inside = (column >= 0) & (column <= nx - 1) & (row >= 0) & (row <= ny - 1)
         return self.layout.seen[view] & inside.all(0)
@@ -175,9 +156,9 @@ class PlenopticProjector:
 
     def _rows_met(self, view: int) -> NDArray[np.float64]:
         """Rows of voxels (2, lens) that the pixels of a view meet in the first and in the last plane."""
-        return geometry.ends(self.layout, self.cam, self.planes, self.lens_mm, view)[1]
+        return self.camera.met_by(view)[1]
 
     @property
     def _half_width(self) -> float:
         """Of a pixel's light, voxels."""
-        return 0.5 / float(np.abs(geometry.column_of(self.planes, "cell_y")).min()) + 1
+        return 0.5 / float(np.abs(self.camera.column("cell_y")).min()) + 1

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.lightfield import Layout
 from plenopiv.projection.correction import correct
 from plenopiv.projection.plenoptic.by_voxel.kernels import walk
-from plenopiv.projection.plenoptic.geometry import CameraConstants
+from plenopiv.projection.plenoptic.geometry import CameraOnGrid
 from plenopiv.threads import in_threads
-from plenopiv.volume import SparseVolume, VoxelGrid
+from plenopiv.volume import SparseVolume
 
 CHUNKS = 64  # of rows of voxels, shared out among threads
 PARTIAL_IMAGES = 16  # of one view, summed in order
@@ -18,23 +17,14 @@ NOTHING, NO_IMAGES = np.empty(1, np.float32), np.empty((1, 1), np.float32)
 
 
 class ViewsByVoxel:
-    """Forward and back between the listed voxels of ``grid`` and the views of a camera (see ``PlenopticProjector``).
+    """Forward and back between the listed voxels of a grid and the views of a camera (see ``PlenopticProjector``).
 
-    ``cam``, ``planes``: the camera and the grid as ``geometry`` has them; ``rim`` (view,): the views with pixels that
-    the aperture's rim cuts; ``rule``: of ``pixel_weights``, how a pixel is weighted.
+    ``rule``: of ``pixel_weights``, how a pixel is weighted.
     """
 
-    def __init__(
-        self,
-        layout: Layout,
-        grid: VoxelGrid,
-        cam: CameraConstants,
-        planes: NDArray[np.float32],
-        rim: NDArray[np.bool_],
-        rule: int,
-    ):
-        self.layout, self.grid, self.cam, self.planes, self.rim, self.rule = layout, grid, cam, planes, rim, rule
-        self._box = (layout.i0, layout.j0, layout.ni, layout.nj)
+    def __init__(self, camera: CameraOnGrid, rule: int):
+        self.camera, self.layout, self.rule = camera, camera.layout, rule
+        self._box = (self.layout.i0, self.layout.j0, self.layout.ni, self.layout.nj)
 
     def forward(self, views: NDArray[np.int64], volume: SparseVolume) -> NDArray[np.float32]:
         """The volume's light in each of ``views``, (views, lens); 0 where the pixel is no equation."""
@@ -78,7 +68,7 @@ class ViewsByVoxel:
         scatter: bool,
     ) -> None:
         m, n = self.layout.offsets[view].astype(np.float32)
-        camera = self.cam, self._box, self.layout.clock, self.planes, self.grid.shape[1]
-        pixels = self.rule, bool(self.rim[view]), m, n, self.layout.fill[view]
+        camera = self.camera.cam, self._box, self.layout.clock, self.camera.planes, self.camera.grid.shape[1]
+        pixels = self.rule, bool(self.camera.rim[view]), m, n, self.layout.fill[view]
         listed = self._row_chunks(volume, chunks), volume.row_start, volume.column, volume.values
         in_threads(walk, chunks, *camera, *pixels, *listed, image, partial, out, scatter)

@@ -7,58 +7,64 @@ voxels in focus that lie across microlenses are judged by all of their pixels to
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.projection.plenoptic.candidates import kernels
 from plenopiv.projection.plenoptic.candidates.in_focus import borders_coincide, rule_out_together
-from plenopiv.projection.plenoptic.geometry import column_of
+from plenopiv.projection.plenoptic.geometry import CameraOnGrid
 from plenopiv.projection.plenoptic.pixel_weights import EXACT
 from plenopiv.threads import in_threads, in_turn
-
-if TYPE_CHECKING:
-    from plenopiv.projection.plenoptic.projector import PlenopticProjector
 
 SLAB = 16  # planes judged at once
 
 
-def judging_views(projector: PlenopticProjector) -> NDArray[np.int64]:
+def judging_views(camera: CameraOnGrid) -> NDArray[np.int64]:
     """The views that judge, in order: every other one, as the fields of one colour of a chessboard; those inside the
     aperture before those at its rim, the outermost of them, which differ most, first."""
-    offsets = projector.layout.offsets
-    order = np.lexsort((-np.hypot(*offsets.T), projector.rim))
+    offsets = camera.layout.offsets
+    order = np.lexsort((-np.hypot(*offsets.T), camera.rim))
     return order[offsets[order].sum(1) % 2 == 0]
 
 
+def weight_sums(camera: CameraOnGrid) -> NDArray[np.float64]:
+    """How widely each plane spreads a voxel's light, (nz, 3): over all voxels of an endless plane, the sum of their
+    exact weights in one pixel and the sum of the weights' squares; and the largest weight."""
+    out = np.empty((camera.grid.shape[0], 3))
+    in_threads(kernels.weight_sums_of_planes, len(out), camera.cam, camera.planes, out)
+    cells = camera.column("cell_x", "cell_y")
+    out[:, :2] /= np.abs(cells[:, :1] * cells[:, 1:])
+    return out
+
+
 def candidate_planes(
-    projector: PlenopticProjector, most: NDArray[np.float32], particle: float
+    camera: CameraOnGrid, rule: int, most: NDArray[np.float32], particle: float
 ) -> Iterator[NDArray[np.bool_]]:
     """Plane by plane the visible voxels (ny, nx) in which a particle of ``particle`` counts gives no pixel more than
-    ``most`` (view, lens)."""
-    where, grid, order = projector.layout, projector.grid, judging_views(projector)
+    ``most`` (view, lens), by weights of a ``rule`` of ``pixel_weights``."""
+    where, grid, order = camera.layout, camera.grid, judging_views(camera)
     most = np.where(where.seen, most, np.float32(np.inf))
-    exact = projector.rule == EXACT
-    largest = projector.weight_sums()[:, 2].astype(np.float32)
+    exact = rule == EXACT
+    largest = weight_sums(camera)[:, 2].astype(np.float32)
     if not exact:
         largest[:] = 1.0
-    move = column_of(projector.planes, "move")
+    move = camera.column("move")
     blur = 0.5 * np.abs(np.gradient(move)) if move.size > 1 else np.zeros(1)
-    whole = order[~projector.rim[order]]
-    pixels = where.offsets, order, projector.lens_mm, where.phase, where.fill, most, np.float32(particle)
+    whole = order[~camera.rim[order]]
+    pixels = where.offsets, order, camera.lens_mm, where.phase, where.fill, most, np.float32(particle)
     nz, ny, nx = grid.shape
-    visible = projector.visible_planes()
+    visible = camera.visible_planes()
     for lo in range(0, nz, SLAB):
         slab = slice(lo, min(lo + SLAB, nz))
         alive = np.zeros((slab.stop - lo, ny, nx + kernels.LANES), np.uint8)
         for plane in alive:
             plane[:, :nx] = next(visible)
-        planes = projector.planes[slab], largest[slab], projector.rule, projector.rim
+        planes = camera.planes[slab], largest[slab], rule, camera.rim
         half_step = blur[slab].astype(np.float32)
-        in_threads(kernels.rule_out, len(alive), in_turn(len(alive)), projector.cam, *planes, *pixels, half_step, alive)
+        in_threads(kernels.rule_out, len(alive), in_turn(len(alive)), camera.cam, *planes, *pixels, half_step, alive)
         for k, plane in enumerate(alive[:, :, :nx], lo):
             if exact and borders_coincide(where, grid, k):
-                counts = particle * float(projector.light_of_planes()[k])
+                counts = particle * float(camera.column("light")[k])
                 rule_out_together(where, grid, k, plane, most, counts, whole)
             yield plane > 0

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.lightfield import Layout
-from plenopiv.projection.plenoptic import geometry
+from plenopiv.projection.plenoptic.geometry import CameraOnGrid, column_of
 from plenopiv.projection.plenoptic.plane_maps import kernels
 from plenopiv.projection.plenoptic.plane_maps.maps import in_twos, maps, single_planes, widest
 from plenopiv.projection.plenoptic.plane_maps.view_pixels import Views, look, meeting
 from plenopiv.threads import in_threads
-from plenopiv.volume import SparseVolume, VoxelGrid
+from plenopiv.volume import SparseVolume
 
 KEPT = 1 << 22  # numbers of lenses that views meet, in all: few beside the rest of a run's memory
 LITTLE = 200_000  # pixels times planes, a quarter of a millisecond
@@ -19,31 +18,21 @@ PRODUCTS = 20  # of a listed voxel and its map, that take the time of a pixel of
 
 
 class MappedViews:
-    """Forward and back between the listed voxels of ``grid`` and the views of a camera (see ``PlenopticProjector``).
+    """Forward and back between the listed voxels of a grid and the views of a camera (see ``PlenopticProjector``).
 
-    ``rows``, ``planes``, ``lens_mm``: the camera and the grid as ``geometry`` has them; ``rim``: the views (view,) with
-    pixels that the aperture's rim cuts; ``across``: points of a map across a footprint.
+    ``across``: points of a map across a footprint.
     """
 
-    def __init__(
-        self,
-        layout: Layout,
-        grid: VoxelGrid,
-        rows: geometry.CameraConstants,
-        planes: NDArray[np.float32],
-        lens_mm: NDArray[np.float32],
-        rim: NDArray[np.bool_],
-        across: float,
-    ):
-        self.layout, self.grid, self.rim = layout, grid, rim
-        self.rows, self.planes, self.lens_mm = rows, planes, lens_mm
-        self.maps = maps(self.rows, self.planes, grid.shape, across)
+    def __init__(self, camera: CameraOnGrid, across: float):
+        self.layout, self.grid, self.rim = camera.layout, camera.grid, camera.rim
+        self.cam, self.planes, self.lens_mm = camera.cam, camera.planes, camera.lens_mm
+        self.maps = maps(self.cam, self.planes, self.grid.shape, across)
         self.workspace = kernels.workspace_of(self.maps.shape, kernels.STRIP)
         self.alone = single_planes(self.planes)
-        self.in_twos = [in_twos(self.rows, self.maps, self.planes, first) for first in (0, 1)]
-        downwards = geometry.column_of(self.planes, "voxel_t")[0]
+        self.in_twos = [in_twos(self.cam, self.maps, self.planes, first) for first in (0, 1)]
+        downwards = camera.column("voxel_t")[0]
         self._by_row = np.argsort(np.sign(downwards) * self.lens_mm[:, 1], kind="stable")
-        (_, ny, nx), self._ends = grid.shape, self.planes[[0, -1]]
+        (_, ny, nx), self._ends = self.grid.shape, self.planes[[0, -1]]
         self._size = np.array([nx, ny, *widest(self.maps)], np.float32)
         self._voxel = float(self.maps.shape[:, 2:4].prod(1).mean()) / PRODUCTS
         self._met: dict[int, NDArray[np.int32]] = {}
@@ -76,13 +65,13 @@ class MappedViews:
         """The lenses whose pixels in views are equations and may meet a voxel, view by view, and those pixels."""
         last_seen = self._last  # of this caller, should there be several
         if last_seen is None or last_seen[0] != tuple(views):
-            first, last = geometry.column_of(self.planes, "spread")[[0, -1]]
+            first, last = column_of(self.planes, "spread")[[0, -1]]
             lenses = [self._meeting(view) for view in views]
             start = np.cumsum([0, *(found.size for found in lenses)])
             pixels = np.empty((8, start[-1]), np.float32)
             for k, (view, found) in enumerate(zip(views, lenses, strict=True)):
                 (m, n), rim, part = self.layout.offsets[view].astype(np.float32), bool(self.rim[view]), start[k : k + 2]
-                look(self.rows, found, m, n, rim, self.lens_mm, self.layout.phase, first, last, *part, pixels)
+                look(self.cam, found, m, n, rim, self.lens_mm, self.layout.phase, first, last, *part, pixels)
             middle = -self.layout.offsets[views, 1].astype(np.float32)
             last_seen = tuple(views), np.concatenate(lenses), Views(pixels, start, first, middle, self.rim[views])
             self._last = last_seen
@@ -94,7 +83,7 @@ class MappedViews:
             return self._met[view]
         (m, n), found = self.layout.offsets[view].astype(np.float32), np.empty(self._by_row.size, np.int32)
         where = self.layout.seen[view], self._by_row, self.lens_mm, self.layout.phase
-        found = found[: meeting(self.rows, self._ends, *where, m, n, self._size, found)].copy()
+        found = found[: meeting(self.cam, self._ends, *where, m, n, self._size, found)].copy()
         if self._kept < KEPT:
             self._met[view], self._kept = found, self._kept + found.size
         return found
@@ -102,7 +91,7 @@ class MappedViews:
     def _kernel_arguments(self, views: NDArray[np.int64], volume: SparseVolume, pixels: Views):
         about = self.maps, self.workspace, pixels, self.grid.shape[1]
         read = self.in_twos[views[0] % 2] if len(views) > 1 else self.alone  # either two, at random
-        return self.rows, *read, *about, volume.row_start, volume.column
+        return self.cam, *read, *about, volume.row_start, volume.column
 
     def _gather(self, views: NDArray[np.int64], images, volume: SparseVolume, multiply: int, out) -> None:
         lenses, pixels = self.look(views)
