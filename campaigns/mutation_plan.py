@@ -32,7 +32,7 @@ AREAS = {
 NEAREST = [
     ("optics.py", ("optics", "cameras", "lightfield")),
     ("lattice.py", ("lattice", "lightfield")),
-    ("cameras/**/*.py", ("cameras", "optics", "lightfield", "design")),
+    ("cameras/**/*.py", ("cameras", "optics", "lightfield", "projection")),
     ("projection/**/*.py", ("projection", "reconstruction")),
     ("reconstruction/**/*.py", ("reconstruction", "projection")),
     ("displacement/**/*.py", ("displacement",)),
