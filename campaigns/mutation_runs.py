@@ -35,10 +35,11 @@ class RunError(Exception):
 
 @dataclass(frozen=True)
 class Options:
-    """``timeout_s``: of all tests of a mutant. ``workers``: of pytest-xdist, 0 without it. ``only_nearest``: the other
-    quick tests are left out."""
+    """``timeout_s``: of all tests of a mutant; ``test_s``: of one (from pytest 9 on). ``workers``: of pytest-xdist, 0
+    without it. ``only_nearest``: the other quick tests are left out."""
 
     timeout_s: float = 1200.0
+    test_s: float = 300.0
     workers: int = 0
     only_nearest: bool = False
 
@@ -190,6 +191,7 @@ class Tree:
         """What failed first; empty if nothing did."""
         command = ["-c", LIMITED, str(int(2 * options.timeout_s) + 60)]
         command += ["-m", "not full", "-x", "-rfE", "--tb=no", "-p", "no:cacheprovider"]
+        command += ["-o", f"faulthandler_timeout={options.test_s:.0f}", "-o", "faulthandler_exit_on_timeout=true"]
         command += ["-n", str(options.workers)] if options.workers else []
         try:
             status, said = self._run([*command, *arguments], end - time.monotonic())
@@ -209,6 +211,8 @@ def failed(status: int, said: str) -> str:
     named = re.search(r"^(?:FAILED|ERROR) (\S.*?)(?: - .*)?$", said, re.MULTILINE)
     if status in (1, 2) and named:
         return named[1]
+    if re.search(r"^Timeout \(\d+:\d\d:\d\d\)!$", said, re.MULTILINE):
+        return "timeout"
     if status < 0 or status > 128:
         return "crash"
     last = [line for line in said.splitlines() if line.strip()][-1:]

@@ -48,6 +48,7 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         "--timeout", type=float, default=20.0, help="minutes after which a mutant counts as caught (20)"
     )
+    parser.add_argument("--test-timeout", type=float, default=5.0, help="minutes of one test, likewise (5)")
     parser.add_argument("-n", "--workers", type=int, default=0, help="pytest-xdist's workers for each mutant (0: none)")
     parser.add_argument("--seed", type=int, default=SEED, help=f"of the draw ({SEED})")
     parser.add_argument("--count", type=int, default=COUNT, help=f"mutants drawn ({COUNT})")
@@ -154,7 +155,7 @@ def run(options: argparse.Namespace) -> None:
         return
     name = hashlib.sha256(str(ROOT).encode()).hexdigest()[:8]
     work = options.work or Path(tempfile.gettempdir()) / f"plenopiv-mutations-{name}"
-    how = Options(60 * options.timeout, options.workers, options.nearest_only)
+    how = Options(60 * options.timeout, 60 * options.test_timeout, options.workers, options.nearest_only)
     with locked(work) as lock:
         processes = Processes()
         for number in (signal.SIGTERM, signal.SIGHUP):

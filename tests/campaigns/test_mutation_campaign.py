@@ -67,6 +67,7 @@ def test_patterns_and_texts_that_are_gone_are_told_in_a_line(tmp_path):
         (1, "E\nERROR tests/a/test_b.py::test_c\n1 error", "tests/a/test_b.py::test_c"),
         (2, "ERROR tests/a/test_b.py - ImportError: no\n1 error", "tests/a/test_b.py"),
         (-11, "", "crash"),
+        (1, "..\nTimeout (0:05:00)!\nThread 0x00007f (most recent call first):\n", "timeout"),
     ],
 )
 def test_what_pytest_says(status, said, by):
@@ -134,9 +135,10 @@ def test_each_outcome(project, tmp_path):
         sign = tree.tried(by_key["forwards:sign:0"], Options())
         assert (sign.result, sign.by) == ("caught", "tests/volume/test_volume.py::test_forwards")
         assert sign.tests == "nearest"
-        loop = tree.tried(by_key["endless:sign:0"], Options(timeout_s=4.0))
-        assert (loop.result, loop.by) == ("caught", "timeout")
-        assert loop.seconds < 30
+        for limits in (Options(timeout_s=4.0), Options(test_s=2.0)):
+            loop = tree.tried(by_key["endless:sign:0"], limits)
+            assert (loop.result, loop.by) == ("caught", "timeout")
+            assert loop.seconds < 30
         blind = tree.tried(by_key["unseen:comparison:0"], Options(only_nearest=True))
         assert (blind.result, blind.by, blind.tests) == ("survived", "", "nearest")
         with pytest.raises(RunError, match="another campaign"), locked(tmp_path / "work here"):
