@@ -211,7 +211,7 @@ def failed(status: int, said: str) -> str:
     named = re.search(r"^(?:FAILED|ERROR) (\S.*?)(?: - .*)?$", said, re.MULTILINE)
     if status in (1, 2) and named:
         return named[1]
-    if re.search(r"^Timeout \(\d+:\d\d:\d\d\)!$", said, re.MULTILINE):
+    if re.search(r"Timeout \(\d+:\d\d:\d\d\)!$", said, re.MULTILINE):
         return "timeout"
     if status < 0 or status > 128:
         return "crash"

@@ -67,7 +67,7 @@ def test_patterns_and_texts_that_are_gone_are_told_in_a_line(tmp_path):
         (1, "E\nERROR tests/a/test_b.py::test_c\n1 error", "tests/a/test_b.py::test_c"),
         (2, "ERROR tests/a/test_b.py - ImportError: no\n1 error", "tests/a/test_b.py"),
         (-11, "", "crash"),
-        (1, "..\nTimeout (0:05:00)!\nThread 0x00007f (most recent call first):\n", "timeout"),
+        (1, "..Timeout (0:05:00)!\nThread 0x00007f (most recent call first):\n", "timeout"),
     ],
 )
 def test_what_pytest_says(status, said, by):
