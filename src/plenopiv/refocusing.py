@@ -9,7 +9,7 @@ mean of these over all views (Ng et al. 2005, Light field photography with a han
 adds up to a point, all else is spread over |A(z) - A(z')| P_m.
 
 Between the microlenses values are interpolated linearly: on squares, or on the triangles of a hexagonal lattice.
-Pictures are for looking; reconstruction uses the raw pixels.
+Pictures are for inspection; reconstruction uses the raw pixels.
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
         {
             "units": "1",
             "long_name": "highest correlation peak over the second highest",
-            "comment": "of inner windows the inverse of the mean inverse",
+            "comment": "of sub-windows the inverse of the mean inverse",
         },
     )
 

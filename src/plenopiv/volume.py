@@ -49,8 +49,8 @@ class VoxelGrid:
         x, y, z = (f + d * np.arange(n) for f, d, n in zip(self.first_mm, self.voxel_mm, (nx, ny, nz), strict=True))
         return x, y, z
 
-    def rows(self, low: int, high: int) -> VoxelGrid:
-        """Rows low <= j < high of it."""
+    def y_range(self, low: int, high: int) -> VoxelGrid:
+        """The voxels low <= j < high along y."""
         (x, y, z), (nz, _, nx) = self.first_mm, self.shape
         return VoxelGrid((x, y + low * self.voxel_mm[1], z), self.voxel_mm, (nz, high - low, nx))
 
@@ -136,7 +136,7 @@ class SparseVolume:
 
     @classmethod
     def stacked(cls, grid: VoxelGrid, parts: Sequence[SparseVolume]) -> SparseVolume:
-        """The volume of ``grid`` whose rows are those of ``parts``, one after the other along y."""
+        """The volume of ``grid`` made of ``parts``, one after the other along y."""
         counts = np.concatenate([np.diff(p.row_start).reshape(grid.shape[0], -1) for p in parts], 1)
         planes = [[p._plane(k) for p in parts] for k in range(grid.shape[0])]
         column, values = (
@@ -145,14 +145,14 @@ class SparseVolume:
         )
         return cls(grid, np.concatenate([[0], np.cumsum(counts)]), column, values)
 
-    def rows(self, low: int, high: int) -> SparseVolume:
-        """Rows low <= j < high of it."""
+    def y_range(self, low: int, high: int) -> SparseVolume:
+        """The voxels low <= j < high along y."""
         nz, ny, _ = self.grid.shape
         start = self.row_start[:-1].reshape(nz, ny)[:, low]
         counts = np.diff(self.row_start).reshape(nz, ny)[:, low:high]
         parts = [slice(a, a + n) for a, n in zip(start, counts.sum(1), strict=True)]
         column, values = (np.concatenate([v[part] for part in parts]) for v in (self.column, self.values))
-        return SparseVolume(self.grid.rows(low, high), np.concatenate([[0], np.cumsum(counts)]), column, values)
+        return SparseVolume(self.grid.y_range(low, high), np.concatenate([[0], np.cumsum(counts)]), column, values)
 
     def _plane(self, k: int) -> slice:
         """Where the voxels of a plane are listed."""

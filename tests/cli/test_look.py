@@ -12,7 +12,7 @@ from test_work import SIMULATION
 
 from plenopiv.cli import main
 from plenopiv.cli import progress as progress_module
-from plenopiv.cli.terminal import painted, speech
+from plenopiv.cli.terminal import coloured, terminal
 
 LATTICE = "rotation_deg = 0.4\noffset_mm = [0.01, 0.02]\npitch_mm = 0.077 "
 
@@ -31,7 +31,7 @@ def made(folder, tmp_path, capsys):
 @pytest.fixture(autouse=True)
 def words_again():
     yield
-    speech.begin([])
+    terminal.take_flags([])
 
 
 def events(text):
@@ -94,8 +94,8 @@ def test_errors_and_results_as_json(tmp_path, capsys):
 
 
 def test_flags_after_two_dashes_are_left_alone():
-    assert speech.begin(["run", "--json", "--", "-q"]) == ["run", "--", "-q"]
-    assert (speech.as_json, speech.quiet) == (True, False)
+    assert terminal.take_flags(["run", "--json", "--", "-q"]) == ["run", "--", "-q"]
+    assert (terminal.as_json, terminal.quiet) == (True, False)
 
 
 def fed(monkeypatch, times, stages):
@@ -118,18 +118,18 @@ def test_progress_tells_what_is_left(monkeypatch, capsys):
 
 
 def test_progress_as_json_is_thinned(monkeypatch, capsys):
-    speech.begin(["--json"])
+    terminal.take_flags(["--json"])
     fed(monkeypatch, [0, 0, 0, 4, 4.2, 8], STAGES)
     said = events(capsys.readouterr().out)
     assert [(event["done"], event["eta_s"]) for event in said] == [(0, None), (5, 4.0), (10, 0.0)]
 
 
 def test_quiet_leaves_progress_and_notes_out(monkeypatch, capsys):
-    speech.begin(["-q"])
+    terminal.take_flags(["-q"])
     fed(monkeypatch, [0, 0, 0, 40, 41, 80], STAGES)
-    speech.note("memory: about 1 GB")
+    terminal.note("memory: about 1 GB")
     assert capsys.readouterr() == ("", "")
-    speech.warning("f-numbers\ndo not match")
+    terminal.warning("f-numbers\ndo not match")
     assert capsys.readouterr().err == "plenopiv: warning: f-numbers do not match\n"
 
 
@@ -141,10 +141,10 @@ class Terminal:
 def test_colours_on_a_terminal_alone(monkeypatch):
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setenv("TERM", "xterm")
-    assert painted("good", "green", Terminal(True)) == "\x1b[32mgood\x1b[0m"
-    assert painted("good", "green", Terminal(False)) == "good"
+    assert coloured("good", "green", Terminal(True)) == "\x1b[32mgood\x1b[0m"
+    assert coloured("good", "green", Terminal(False)) == "good"
     monkeypatch.setenv("NO_COLOR", "1")
-    assert painted("good", "green", Terminal(True)) == "good"
+    assert coloured("good", "green", Terminal(True)) == "good"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="bash")

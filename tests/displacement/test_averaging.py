@@ -1,13 +1,13 @@
-"""Means over inner windows against sums over voxels written out, and what they find of a flow that bends."""
+"""Means over sub-windows against sums over voxels written out, and what they find of a flow that bends."""
 
 import numpy as np
 import pytest
 
 from plenopiv.displacement.correlation import fade
 from plenopiv.displacement.multigrid import measure
-from plenopiv.displacement.noise_amplification import growth
+from plenopiv.displacement.noise_amplification import noise_amplification
 from plenopiv.displacement.settings import CorrelationSettings
-from plenopiv.displacement.sub_windows import averaged, mean_weights
+from plenopiv.displacement.sub_windows import average_sub_windows, mean_weights
 from plenopiv.displacement.uncertainty import standard_deviation
 from plenopiv.displacement.windows import window_grid
 from plenopiv.errors import PlenoPIVError
@@ -19,9 +19,9 @@ WHOLE = CorrelationSettings(windows=((32, 32, 32),), inner_window=(32, 32, 32))
 RESOLVED = CorrelationSettings(windows=((32, 32, 32),), inner_window=(20, 20, 20))
 
 
-def between(values, knots, place, straight_on):
+def between(values, knots, place, extrapolate):
     """The value at one place along one axis, linear between knots."""
-    if not straight_on:
+    if not extrapolate:
         place = min(max(place, knots[0]), knots[-1])
     n = 0
     while n < len(knots) - 2 and place > knots[n + 1]:
@@ -30,15 +30,15 @@ def between(values, knots, place, straight_on):
     return (1 - share) * values[n] + share * values[n + 1]
 
 
-@pytest.mark.parametrize("straight_on", [True, False])
+@pytest.mark.parametrize("extrapolate", [True, False])
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_mean_is_that_of_the_voxels(axis, straight_on):
-    weights = mean_weights(WINDOWS, INNER, straight_on)[axis]
+def test_a_mean_is_that_of_the_voxels(axis, extrapolate):
+    weights = mean_weights(WINDOWS, INNER, extrapolate)[axis]
     knots = INNER.centres[axis]
     values = np.random.default_rng(axis).normal(size=len(knots))
     assert WINDOWS.starts[axis][0] < knots[0]  # so that some voxels lie beyond the outermost inner vector
     for start, found in zip(WINDOWS.starts[axis], weights @ values, strict=True):
-        voxels = [between(values, knots, start + n, straight_on) for n in range(WINDOWS.size[axis])]
+        voxels = [between(values, knots, start + n, extrapolate) for n in range(WINDOWS.size[axis])]
         assert found == pytest.approx(sum(voxels) / len(voxels))
 
 
@@ -47,7 +47,7 @@ def test_linear_fields_come_back_exactly_at_the_faces_too():
     inner, whole = (
         np.einsum("ca,a...->c...", slopes, np.meshgrid(*g.centres, indexing="ij")) for g in (INNER, WINDOWS)
     )
-    found, raw, valid, ratio = averaged(
+    found, raw, valid, ratio = average_sub_windows(
         inner, inner, np.ones(INNER.shape, bool), np.full(INNER.shape, 3, np.float32), INNER, WINDOWS
     )
     np.testing.assert_allclose(found, whole, atol=1e-12)
@@ -68,11 +68,11 @@ def test_a_peak_without_a_second_does_not_outshine_the_others():
     ratio[:2] = 1e3
     ratio[-2:] = 0.0
     still = np.zeros((3, *INNER.shape))
-    *_, found = averaged(still, still, np.ones(INNER.shape, bool), ratio, INNER, WINDOWS)
+    *_, found = average_sub_windows(still, still, np.ones(INNER.shape, bool), ratio, INNER, WINDOWS)
     assert (found[0] >= 4.0).all()
     assert (found[0] < 20.0).all()
     assert ((found[-1] >= 1.0) & (found[-1] < 4.0)).all()
-    *_, none = averaged(still, still, np.ones(INNER.shape, bool), 0 * ratio, INNER, WINDOWS)
+    *_, none = average_sub_windows(still, still, np.ones(INNER.shape, bool), 0 * ratio, INNER, WINDOWS)
     assert (none == 0).all()
 
 
@@ -81,7 +81,7 @@ def test_where_most_inside_is_an_outlier_the_window_is_replaced_and_its_raw_vect
     corner = tuple(slice(0, n) for n in (3, 3, 3))
     valid[corner] = False
     raw = np.where(valid, 1.0, 9.0)[None].repeat(3, 0)
-    mean, as_measured, measured, _ = averaged(
+    mean, as_measured, measured, _ = average_sub_windows(
         np.ones_like(raw), raw, valid, np.ones(INNER.shape, np.float32), INNER, WINDOWS
     )
     assert np.argwhere(~measured).tolist() == [[0, 0, 0]]
@@ -105,7 +105,7 @@ def test_noise_left_in_means_is_that_of_white_noise_averaged_twice(depth):
         for n, start in enumerate(starts):
             seen[n, start : start + 16] = weight / weight.sum()
         expected.append(((rows @ seen) ** 2).sum(1) / (seen[0] ** 2).sum())
-    left = growth(inner, settings).left(means)
+    left = noise_amplification(inner, settings).variance_of_mean(means)
     np.testing.assert_allclose(left, np.einsum("z,y,x->zyx", *expected), rtol=0.02)
 
 
@@ -114,9 +114,11 @@ def test_more_passes_leave_less_in_a_mean():
     inner, whole = window_grid((64,) * 3, (20,) * 3, 0.6), window_grid((64,) * 3, (32,) * 3, 0.5)
     means, left = mean_weights(whole, inner, True), []
     for passes in (1, 2, 3):
-        grown = growth(inner, CorrelationSettings(((32,) * 3,), inner_window=(20,) * 3, fine_passes=passes))
-        left.append(grown.left(means))
-        assert (left[-1] * grown.gain).max() < 1
+        amplification = noise_amplification(
+            inner, CorrelationSettings(((32,) * 3,), inner_window=(20,) * 3, fine_passes=passes)
+        )
+        left.append(amplification.variance_of_mean(means))
+        assert (left[-1] * amplification.gain).max() < 1
     assert (left[0] > left[1]).all()
     assert (left[1] > left[2]).all()
 
@@ -124,10 +126,10 @@ def test_more_passes_leave_less_in_a_mean():
 def test_error_bars_of_means():
     inner, whole = window_grid((64,) * 3, (20,) * 3, 0.6), window_grid((64,) * 3, (32,) * 3, 0.5)
     still, variance, valid = np.zeros((3, *inner.shape)), np.full((3, *inner.shape), 0.04), np.ones(inner.shape, bool)
-    grown = growth(inner, RESOLVED)
-    left = grown.left(mean_weights(whole, inner, True))
+    amplification = noise_amplification(inner, RESOLVED)
+    left = amplification.variance_of_mean(mean_weights(whole, inner, True))
     std = standard_deviation(still, valid, variance, inner, RESOLVED, whole)
-    np.testing.assert_allclose(std, np.broadcast_to(np.sqrt(grown.gain * left * 0.04), std.shape))
+    np.testing.assert_allclose(std, np.broadcast_to(np.sqrt(amplification.gain * left * 0.04), std.shape))
     assert left[1, 1, 1] < left[0, 0, 0] < 0.7  # at a corner the outermost vectors count most
 
     bent = 0.05 * np.array(np.meshgrid(*inner.centres, indexing="ij"))[2] ** 2
@@ -137,7 +139,7 @@ def test_error_bars_of_means():
 
     valid[:3, :3, :3] = False
     replaced = standard_deviation(still, valid, variance, inner, RESOLVED, whole)
-    np.testing.assert_allclose(replaced[:, 0, 0, 0], np.sqrt(grown.gain * 0.04))
+    np.testing.assert_allclose(replaced[:, 0, 0, 0], np.sqrt(amplification.gain * 0.04))
     np.testing.assert_allclose(replaced[:, 1:], std[:, 1:])
 
 
@@ -183,7 +185,7 @@ def test_inner_windows_that_do_not_fit_are_refused(inner, said):
 def test_three_quarters_of_the_last_window_unless_said_otherwise():
     sizes = (64, 64, 32), (48, 40, 8)
     usual, none = CorrelationSettings(sizes), CorrelationSettings(sizes, inner_window=sizes[-1])
-    assert usual.inner == (36, 30, 8)
+    assert usual.sub_window == (36, 30, 8)
     assert usual.passes == [((64, 64, 32), 0.5), ((48, 40, 8), 0.5), *[((36, 30, 8), 0.6)] * 2]
-    assert none.inner is None
+    assert none.sub_window is None
     assert none.passes == [((64, 64, 32), 0.5), *[((48, 40, 8), 0.5)] * 2]

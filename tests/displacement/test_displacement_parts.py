@@ -11,7 +11,7 @@ from plenopiv.displacement.deformation import DeformedPlanes
 from plenopiv.displacement.peaks import LEAST, find_peaks, gaussian_offset, untilted
 from plenopiv.displacement.predictor import fit_spline, smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
-from plenopiv.displacement.validation import find_outliers, normalised_median, replaced
+from plenopiv.displacement.validation import find_outliers, normalised_median, replace_invalid
 from plenopiv.displacement.windows import WindowBatch, window_grid
 from plenopiv.errors import PlenoPIVError
 from plenopiv.volume import DenseVolume, VoxelGrid
@@ -460,12 +460,12 @@ def test_replacement_of_a_linear_field_is_exact_even_for_a_corner():
     valid[:2, :2, :3] = False
     valid[4] = False
     damaged = np.where(valid, truth, 99.0)
-    np.testing.assert_allclose(replaced(damaged, valid), truth, atol=1e-9)
+    np.testing.assert_allclose(replace_invalid(damaged, valid), truth, atol=1e-9)
 
 
 def test_replacement_from_one_vector_and_from_none():
     field, valid = np.zeros((3, 2, 3, 4)), np.zeros((2, 3, 4), bool)
     field[:, 1, 1, 1], valid[1, 1, 1] = (1, 2, 3), True
-    np.testing.assert_allclose(replaced(field, valid), np.reshape([1, 2, 3], (3, 1, 1, 1)) + field * 0)
+    np.testing.assert_allclose(replace_invalid(field, valid), np.reshape([1, 2, 3], (3, 1, 1, 1)) + field * 0)
     with pytest.raises(PlenoPIVError, match=r"correlation\.windows"):
-        replaced(field, np.zeros_like(valid))
+        replace_invalid(field, np.zeros_like(valid))

@@ -249,5 +249,5 @@ def test_progress_counts_every_layer(small_pair):
     told = []
     measure(*small_pair, SMALL, lambda what, done, total: told.append((what, done, total)))
     assert told[0] == ("correlation pass 1 of 4", 1, 2)
-    layers = window_grid((40, 48, 56), SMALL.inner, SMALL.inner_overlap).shape[0]
+    layers = window_grid((40, 48, 56), SMALL.sub_window, SMALL.inner_overlap).shape[0]
     assert told[-1] == ("correlation pass 4 of 4", layers, layers)

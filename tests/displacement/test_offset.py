@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from plenopiv.displacement.offset import at_offset, correlations
+from plenopiv.displacement.offset import correlations, discrete_offset
 from plenopiv.displacement.windows import window_grid
 from plenopiv.volume import SparseVolume
 
@@ -32,7 +32,7 @@ def test_each_axis_and_sign(particle_pair, uniform_flow, shift):
     a, b = particle_pair((48, 56, 64), uniform_flow(shift), 12 / 24**3, seed=1)
     windows = window_grid(a.grid.shape, WINDOW, 0.5)
     roughly = np.broadcast_to(np.reshape(np.rint(shift), (3, 1, 1, 1)), (3, *windows.shape))
-    found, again = at_offset(a, b, windows, roughly)
+    found, again = discrete_offset(a, b, windows, roughly)
     assert again.all()
     error = found - np.reshape(shift, (3, 1, 1, 1))
     assert np.sqrt((error**2).mean()) < 0.03
@@ -43,7 +43,7 @@ def test_a_first_guess_may_be_off_by_a_voxel_on_two_axes(particle_pair, uniform_
     a, b = particle_pair((48, 48, 48), uniform_flow((2.2, -1.1, 0.3)), 12 / 24**3, seed=2)
     windows = window_grid(a.grid.shape, WINDOW, 0.5)
     guess = np.broadcast_to(np.reshape([1.0, 0.0, 0.0], (3, 1, 1, 1)), (3, *windows.shape))
-    found, again = at_offset(a, b, windows, guess)
+    found, again = discrete_offset(a, b, windows, guess)
     assert again.all()
     assert np.abs(found - np.reshape([2.2, -1.1, 0.3], (3, 1, 1, 1))).max() < 0.2
 
@@ -55,11 +55,11 @@ def test_windows_without_light_or_room_keep_their_vectors(particle_pair, uniform
     windows = window_grid(a.grid.shape, WINDOW, 0.5)
     first = np.zeros((3, *windows.shape))
     first[0] = 0.75
-    found, again = at_offset(a, b, windows, first)
+    found, again = discrete_offset(a, b, windows, first)
     assert not again[..., -1].any()
     assert (found[0, ..., -1] == 0.75).all()
     first[2] = 40.0  # beyond the volume
-    found, again = at_offset(a, b, windows, first)
+    found, again = discrete_offset(a, b, windows, first)
     assert not again.any()
     assert (found == first).all()
 
@@ -70,4 +70,4 @@ def test_sparse_volumes_give_the_same(particle_pair, uniform_flow):
     first = np.zeros((3, *windows.shape))
     listed = SparseVolume.from_mask(a.grid, a.values > 0)
     listed = listed.with_values(a.values[a.values > 0])
-    assert np.array_equal(at_offset(a, b, windows, first)[0], at_offset(listed, b, windows, first)[0])
+    assert np.array_equal(discrete_offset(a, b, windows, first)[0], discrete_offset(listed, b, windows, first)[0])

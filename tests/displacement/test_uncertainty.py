@@ -10,12 +10,12 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from plenopiv.displacement.multigrid import correlation_pass, measure
-from plenopiv.displacement.noise_amplification import growth
+from plenopiv.displacement.noise_amplification import noise_amplification
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.uncertainty import (
     ScatterCorrelator,
-    curvature,
+    averaging_bias,
     jackknife_variance,
     standard_deviation,
 )
@@ -88,11 +88,11 @@ def test_jackknife_of_blocks_that_agree_is_zero():
 
 def test_one_pass_does_not_amplify_and_more_converge():
     grid = window_grid((128, 128, 128), (32, 32, 32), 0.5)
-    gains = [growth(grid, replace(CUBES, fine_passes=n)).gain for n in (1, 2, 3, 12, 14)]
+    gains = [noise_amplification(grid, replace(CUBES, fine_passes=n)).gain for n in (1, 2, 3, 12, 14)]
     assert gains[0] == pytest.approx(1.0)
     assert all(a < b for a, b in pairwise(gains))
     assert gains[4] - gains[3] < 0.01
-    unfiltered = growth(grid, replace(CUBES, filter_predictor=False)).gain
+    unfiltered = noise_amplification(grid, replace(CUBES, filter_predictor=False)).gain
     assert unfiltered > gains[2]
 
 
@@ -102,7 +102,7 @@ def test_curvature_of_a_parabola_is_mean_less_centre():
     d = np.stack([0.01 * x**2 + y, 0.02 * z**2 - x, 3 * z + x * y])
     n = {"x": 32, "z": 16}
     for component, expected in enumerate((0.01 * n["x"] ** 2 / 12, 0.02 * n["z"] ** 2 / 12, 0.0)):
-        np.testing.assert_allclose(curvature(d, grid)[component], expected, atol=1e-9)
+        np.testing.assert_allclose(averaging_bias(d, grid)[component], expected, atol=1e-9)
 
 
 def inner_errors(particle_pair, uniform_flow, jitter, seeds, **kw):
@@ -163,7 +163,7 @@ def test_replaced_vectors_are_less_certain_where_the_flow_bends():
     valid = np.ones(grid.shape, bool)
     valid[2, 2, 2] = False
     std = standard_deviation(d, valid, np.full(d.shape, 0.01**2), grid, CUBES)
-    gain = growth(grid, CUBES).gain
+    gain = noise_amplification(grid, CUBES).gain
     q = 0.003 * 32**2 / 12
     assert std[0, 2, 2, 3] == pytest.approx(np.hypot(0.01 * gain**0.5, q))
     assert std[1, 2, 2, 2] == pytest.approx(0.01 * gain**0.5)

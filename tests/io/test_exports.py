@@ -126,7 +126,7 @@ def test_the_command(tmp_path, capsys):
     before, _ = mesh.read_bytes(), capsys.readouterr()
     wrong = {
         ("field.vtkhdf",): "is there already; use --overwrite",
-        ("field.vtk",): "the ending tells the format",
+        ("field.vtk",): "the ending names the format",
         ("other.txt",): "choose it with --z",
         ("other.vtkhdf", "--z", "1"): "leave --z out",
     }

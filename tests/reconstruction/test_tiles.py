@@ -101,7 +101,7 @@ def test_one_tile_is_the_whole(projector):
 def test_a_tile_may_hold_nothing_but_not_all_of_them(projector):
     frame, tiles = image_of(projector, particles((4, 12))), cut(GRID.shape[1], 3, projector.passage)
     found = reconstruct(frame.values, projector, SETTINGS, tiles=tiles).volume
-    assert found.rows(0, 20).column.size > 0
-    assert found.rows(40, 60).column.size == 0
+    assert found.y_range(0, 20).column.size > 0
+    assert found.y_range(40, 60).column.size == 0
     with pytest.raises(PlenoPIVError, match="no particles"):
         reconstruct(np.zeros_like(frame.values), projector, SETTINGS, tiles=tiles)

@@ -245,7 +245,7 @@ def test_equations_of_a_tile_have_no_light_from_other_rows(low, high):
     tile, outside = projector.tile(low, high), np.ones(grid.shape, bool)
     outside[:, low:high] = False
     light = projector.forward(np.arange(4), SparseVolume.from_mask(grid, outside))
-    assert tile.grid == grid.rows(low, high)
+    assert tile.grid == grid.y_range(low, high)
     assert (light[tile.seen] == 0).all()
     whole = projector.forward(np.arange(4), projector.visible_voxels())
     assert (tile.seen & (whole > 0)).any(1).all()  # some of each camera

@@ -10,7 +10,7 @@ from pages import Parsed, everything, example, without_figures, write
 from test_hostile_text import HOSTILE
 
 import plenopiv
-from plenopiv.checks import Checked, Finding
+from plenopiv.checks import CheckResult, Finding
 from plenopiv.checks.stamps import same_camera, stamp
 from plenopiv.cli import main
 from plenopiv.errors import printable
@@ -71,7 +71,7 @@ def test_pictures_of_check_views_and_refocus_take_any_name(text):
     """Dollars begin mathematics in matplotlib, underscores hide a label; control characters have no glyph."""
     image = np.random.default_rng(0).integers(60, 900, (224, 280)).astype(np.uint16)
     findings = tuple(Finding("x", "warning", f"{hostile} is a name") for hostile in HOSTILE)
-    assert png(check_figure(Checked(findings, example().camera(), text, image, image)))
+    assert png(check_figure(CheckResult(findings, example().camera(), text, image, image)))
     axis = np.linspace(-1, 1, 20)
     assert png(contact_sheet([[image[:20, :20]]], axis[:1], axis[:1], axis, axis[::-1], text))
     assert png(depth_strip([image[:20, :20]], [0.0], axis, axis[::-1], text))

@@ -34,7 +34,7 @@ def test_the_report_stands_alone_and_says_what_it_was_given(tmp_path, experiment
         "histograms",
         "stated standard deviations",
         "maximum projections of the volume",
-        "residual by round",
+        "residual by iteration",
         "raw pixels with the lattice",
     }
     assert all(image["src"].startswith("data:image/png;base64,") for image in page.all("img"))

@@ -82,7 +82,7 @@ def test_columns_ascend_within_rows():
 
 def test_rows_and_their_stack():
     _, volume = random_volume()
-    parts = [volume.rows(*part) for part in ((0, 3), (3, 4), (4, 7))]
+    parts = [volume.y_range(*part) for part in ((0, 3), (3, 4), (4, 7))]
     for part, (low, high) in zip(parts, ((0, 3), (3, 4), (4, 7)), strict=True):
         np.testing.assert_array_equal(part.dense().values, volume.dense().values[:, low:high])
         np.testing.assert_allclose(part.grid.axes()[1], GRID.axes()[1][low:high])

@@ -1,4 +1,4 @@
-"""The Cramer-Rao bound: the least error with which the raw pixels can tell where a particle is.
+"""The Cramer-Rao bound of particle positions: the least error of any unbiased estimate from the raw pixels.
 
 Source: Kay, *Fundamentals of Statistical Signal Processing: Estimation Theory* (1993), sections 3.7 and 3.9. Pixel p
 expects  mu_p = background + sum_i E_i w_p(x_i)  electrons and scatters about them with the variance
@@ -12,8 +12,8 @@ The parameters are x, y, z and E of every particle, and their Fisher information
 No unbiased estimator has a standard deviation below sqrt((J^-1)_kk). That V changes with theta holds information too;
 for Poisson counts the J above is the whole of it, so nothing is added.
 
-What J takes as known, no experiment knows: the number of particles, optics and lattice, and that they are where the
-linearisation holds. It is the yardstick, not a forecast.
+J takes as known what no experiment knows exactly: the number of particles, optics and lattice, and positions close
+enough for the linearisation. The bound is a reference, not a forecast.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ class Noise(Protocol):
 
 @dataclass(frozen=True)
 class PositionBound:
-    """What the pixels tell of one particle's position.
+    """Fisher information of the pixels on one particle's position.
 
-    ``information`` (3, 3) per mm^2, along x, y, z: what is left of J once all else that is unknown has taken its part
-    (its Schur complement). ``one_lens``: all of the light goes through a single microlens, so that nothing but the
-    place and size of its micro-image tells where the particle is.
+    ``information`` (3, 3) per mm^2, along x, y, z: the Schur complement of J in which all other parameters are
+    unknown. ``one_lens``: all of the light goes through a single microlens, so that only the place and size of its
+    micro-image depend on the position.
     """
 
     information: Array
@@ -63,13 +63,13 @@ class PositionBound:
 
     @property
     def std_mm(self) -> Array:
-        """Least standard deviation along x, y, z (3,); inf where pixels cannot tell the particle from others."""
+        """Least standard deviation along x, y, z (3,); inf where the pixels do not determine the position."""
         return standard_deviation(self.information)
 
 
 @dataclass(frozen=True)
 class FieldBounds:
-    """What the pixels tell of n particles of a field, at ``position_mm`` (n, 3).
+    """Fisher information on n particles of a field, at ``position_mm`` (n, 3).
 
     ``isolated`` and ``overlapping``, (n, 3, 3) per mm^2: information on each one's position (see ``PositionBound``),
     alone in the image and with its neighbours, their positions and light unknown too. ``one_lens`` (n,): see there.
@@ -162,8 +162,8 @@ def field_bounds(
     """Bounds of about ``particles`` particles of a random field between the depths ``z_mm``, around the optical axis.
 
     The field is as wide as any neighbour of theirs can be away, on a sensor that holds it all; every particle frees
-    ``electrons``. A particle's information is joined with that of all particles that share pixels with it; of *their*
-    further neighbours nothing is asked, which leaves the bound about one percent too low (docs/bound.md).
+    ``electrons``. A particle's information is joined with that of all particles that share pixels with it. *Their*
+    further neighbours are left out, which makes the bound about one percent too low (docs/bound.md).
 
     Raises:
         PlenoPIVError: no particles, an empty range of depths, or one that reaches the main lens.
@@ -220,7 +220,7 @@ def window_bound(information: ArrayLike, particles: float) -> Array:
     """
     j = np.asarray(information, np.float64)
     if len(j) == 0:
-        raise PlenoPIVError("accuracy: no particle to tell what a window can know, give at least one")
+        raise PlenoPIVError("accuracy: no particle to bound a window with, give at least one")
     return np.sqrt(2.0) * standard_deviation(particles * j.mean(0))
 
 

@@ -5,7 +5,7 @@ to the pixel at  S (1 + e) - e q,  where
 
     q = (1 - A) u - B x + S
 
-is the portion of the main lens that the pixel looks at. In q the pixels stand still, and light is spread evenly with a
+is the portion of the main lens that the pixel sees. In q the pixels stand still, and light is spread evenly with a
 density of 1/((1 - A)^2 pi R^2). Two boundaries move with the point, the edges of the microlenses' cells and the rim of
 the aperture, both by
 
@@ -46,7 +46,7 @@ class PointLight(NamedTuple):
 
     ``pixel`` int64 (m,), row * columns + column in an upright image; ``share`` (m,) of the point's light; ``gradient``
     (m, 3), change of the share per mm of x, y, z; ``one_lens``: all of the light goes through a single microlens, so
-    that no split between microlenses tells where the point is.
+    that the split between microlenses carries no information on the position.
     """
 
     pixel: NDArray[np.int64]
@@ -98,7 +98,8 @@ def point_light(camera: PlenopticCamera, position_mm: ArrayLike, rays: int = RAY
     share: Array = np.bincount(where, shares).astype(np.float64)
     gradient: Array = np.stack([np.bincount(where, column) for column in swept.T], -1).astype(np.float64)
     gradient[:, 2] += 2.0 * _depth_rates(camera, z)[0] / (1.0 - a) * share
-    share = np.maximum(share, 0.5 / rays)  # slivers that a boundary met and no ray: dark pixels would know too much
+    # pixels that a boundary crosses but no ray reaches: without light they would carry too much information
+    share = np.maximum(share, 0.5 / rays)
     on_sensor = lit >= 0
     return PointLight(lit[on_sensor], share[on_sensor], gradient[on_sensor], len(u_edge) == 0)
 

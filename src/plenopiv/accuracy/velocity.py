@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 GROSS_VOXELS = 2.0  # an error of more than this on any axis is a gross one
-POINT_SHARE = 0.9  # of the vectors must have a point truth for errors against it to be told
+POINT_SHARE = 0.9  # of the vectors must have a point truth for errors against it to be given
 DIMS = ("z", "y", "x")
 
 
@@ -60,7 +60,8 @@ class Score:
     there. ``final`` and ``raw`` (before windows were replaced, None without u_raw) against window truth,
     ``final_at_point`` and ``raw_at_point`` against point truth (None where too few vectors have one). ``replaced``:
     share of the vectors that the field itself calls replaced. ``inside_1_std``, ``inside_2_std``: share of the errors
-    along x, y, z within one and two stated standard deviations (None without u_std); 0.68 and 0.95 are honest.
+    along x, y, z within one and two stated standard deviations (None without u_std); 0.68 and 0.95 where the standard
+    deviations are right.
     ``true_rms``: voxels.
     """
 

@@ -12,7 +12,7 @@ from plenopiv.calibration.micro_images import Disc, find_disc, inside, refine_di
 from plenopiv.cameras.plenoptic import PlenopticCamera
 
 SAMPLE = 600  # micro-images that are fitted
-ROUNDS = 6
+ITERATIONS = 6
 
 
 def aperture_disc(white: NDArray, camera: PlenopticCamera) -> Disc:
@@ -31,6 +31,6 @@ def aperture_disc(white: NDArray, camera: PlenopticCamera) -> Disc:
     positions = positions[inside(image.shape, positions, Disc(lattice.kind, turned, 0.0, 0.0).half_window)]
     positions = positions[:: max(1, len(positions) // SAMPLE)]
     disc = find_disc(image, positions[:: max(1, len(positions) // 60)], lattice.kind, turned)
-    for _ in range(ROUNDS):
+    for _ in range(ITERATIONS):
         disc = refine_disc(image, positions, disc)
     return disc

@@ -26,7 +26,7 @@ FEWEST_PIXELS = 6  # of a dot
 RIM_PX = 2  # around a dot, that its centre is taken over
 SMALLEST, LARGEST = 0.3, 4.0  # area of a dot, in those of the median one
 ORIGIN = 1.4  # area of the origin's dot in those of the next largest, at least
-NEAR = 0.3  # of the grid's step: how far a dot may be from where its neighbours say
+NEAR = 0.3  # of the grid's step: largest distance of a dot from where its neighbours predict it
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,8 @@ def _blobs(image: NDArray[np.float64], name: str) -> tuple[NDArray[np.float64], 
 
 
 def _numbered(pixel: NDArray[np.float64], origin: int) -> dict[int, tuple[int, int]]:
-    """Dot -> (i, j), from the origin outward: a neighbour is looked for one step on, the step as found beside it."""
+    """Dot -> (i, j), from the origin outward: a neighbour is searched one step on, the step being that found beside
+    it."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(pixel)

@@ -23,7 +23,7 @@ RECIPROCAL: dict[LatticeKind, complex] = {"square": 1.0, "hexagonal": 2.0 / 3.0*
 # Second vector of a lattice, and of its reciprocal, over the first.
 STEP: dict[LatticeKind, complex] = {"square": 1j, "hexagonal": exp(1j * pi / 3.0)}
 RINGS = {"square": (1, 2, 4, 5), "hexagonal": (1, 3, 4, 7)}  # squared lengths of reciprocal vectors over the first's
-FACTOR = 2.2  # pitches within this factor of the stated one are looked for
+FACTOR = 2.2  # pitches within this factor of the stated one are searched
 
 
 @dataclass(frozen=True)

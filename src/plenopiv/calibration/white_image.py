@@ -1,4 +1,4 @@
-"""From a white image to the lattice of microlenses, with what is left unexplained.
+"""From a white image to the lattice of microlenses, with residuals.
 
 1. The spectrum of the image's middle gives kind, pitch and rotation, the phases of its peaks the offset
    (``spectrum``): good to a few hundredths of a pixel there.

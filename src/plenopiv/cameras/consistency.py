@@ -8,7 +8,7 @@ MATCHED = 0.02  # by which f-numbers may differ, relative
 
 
 def contradictions(camera: PlenopticCamera) -> list[str]:
-    """What makes a camera none that is focused on its microlenses and seen through them; a line each, its key first."""
+    """Reasons why the numbers cannot be those of one focused plenoptic camera; a line each, its key first."""
     lens, pitch, focal = camera.main_lens, camera.lattice.pitch_mm, camera.microlens_focal_length_mm
     pixel, sensor = camera.sensor.pixel_pitch_mm, camera.sensor
     lines = []

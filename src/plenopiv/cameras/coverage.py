@@ -1,4 +1,4 @@
-"""Which part of a volume the views of a plenoptic camera see.
+"""The part of a volume that the views of a plenoptic camera see.
 
 A point (x, z) sends the ray through ``u`` on the main lens to s = A(z) u + B(z) x on the microlens plane (Eqs. 1-3).
 With R the radius of the main lens' aperture and W half the width of the sensor seen from the microlens plane:

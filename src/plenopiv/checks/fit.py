@@ -6,8 +6,8 @@ blocks of some microlenses, within half a pitch around no shift. ``agreement`` i
 highest one, summed over the blocks: 1 where the frame's microlenses are the white image's, near 0 or negative where
 they lie elsewhere.
 
-The same with the white image turned and mirrored tells how one of both was saved. A lattice that looks the same so
-turned, to a fraction of a pixel, cannot tell it, and does no harm: its views are the same.
+Repeated with the white image turned and mirrored, the comparison shows in which orientation one of them was saved. It
+cannot where the lattice is the same after the turn, to a fraction of a pixel; then all views are the same, too.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def fit(frame: NDArray, white: NDArray, pitch_px: float) -> Fit:
 
 
 def fits(frames: Sequence[NDArray], white: NDArray, pitch_px: float, black_level: float = 0.0) -> list[Fit]:
-    """The same of several frames, in counts: what the white image shows is worked out once for all of them."""
+    """``fit`` of several frames, in counts; the white image is transformed once for all of them."""
     blocks = _blocks(frames[0].shape, pitch_px)
     cut = partial(_pattern, side=blocks.side, pitch_px=pitch_px, black_level=black_level)
     light = [[cut(frame, corner, most=3.0) for corner in blocks.corners] for frame in frames]
@@ -92,8 +92,8 @@ def fits(frames: Sequence[NDArray], white: NDArray, pitch_px: float, black_level
     return [Fit(a, float(v), centres, s) for a, v, s in zip(agreement, visible, shifts, strict=True)]
 
 
-def judged(found: Fit, name: str) -> Finding:
-    """What the comparison of frame ``name`` says."""
+def finding(found: Fit, name: str) -> Finding:
+    """The finding on frame ``name``."""
     given = found.agreement["as it is"]
     if given >= FITS and found.shift_px > MOVED_PX:
         return Finding(
@@ -111,7 +111,7 @@ def judged(found: Fit, name: str) -> Finding:
         return Finding(
             "white-fits-frames",
             "warning",
-            f"{name} shows no microlenses: whether the white image fits cannot be told",
+            f"{name} shows no microlenses: whether the white image fits is unknown",
             found.visible,
             advice="more particles or more light; or the frames are blurred or were filtered",
         )

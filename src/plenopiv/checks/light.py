@@ -1,4 +1,4 @@
-"""Exposure and background of the frames, and how strewn with particles they are."""
+"""Exposure and background of the frames, and their seeding."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ FAINTEST = 4.0  # of its noise that a particle in focus gives a pixel; 80 electr
 LOWEST = 2.0  # per cent: the darkest pixels under microlenses
 BELOW_MEAN = 2.05  # standard deviations by which these lie below the mean of dark pixels (normal distribution)
 STRAY = 0.25  # background over what a particle in focus gives a pixel
-SUNK = 0.8  # median over RMS of values below the black level; of noise about it 0.67
-SUNK_COUNTS, SUNK_SHARE = 4.0, 0.01  # RMS and share of pixels from which that is judged
-OVERLAP = 4.5  # particles in a pixel's way; up to 3.0 (1 ppm, 20 mm deep) are measured well in docs/accuracy.md
+BELOW_BLACK = 0.8  # median over RMS of values below the black level; of noise about it 0.67
+BELOW_COUNTS, BELOW_SHARE = 4.0, 0.01  # RMS and share of pixels from which the black level counts as too high
+OVERLAP = 4.5  # images that overlap in a pixel; up to 3.0 (1 ppm, 20 mm deep) are measured well in docs/accuracy.md
 FEWEST_IN_WINDOW = 5.0
 
 
@@ -32,20 +32,20 @@ class Light:
     """What the pixels of one frame hold, in counts above the black level.
 
     ``particle``: of a typical particle in a pixel that it lights wholly in focus; ``noise`` of the pixels; ``mean``;
-    ``background``: of the darkest pixels; ``sunk``: how far these lie below a black level that is too high;
-    ``overlap``: particles in a pixel's way, its mean squared over the variance that their light makes.
+    ``background``: of the darkest pixels; ``below_black``: by how much these lie below a black level that is too high;
+    ``overlap``: particles whose images overlap in a pixel, the mean squared over the variance of their light.
     """
 
     particle: float
     noise: Noise
     mean: float
     background: float
-    sunk: float
+    below_black: float
     overlap: float
 
     @property
-    def clearness(self) -> float:
-        """A particle's light in a pixel over the noise there."""
+    def signal_to_noise(self) -> float:
+        """Signal of a particle in a pixel over the noise there."""
         spread = float(self.noise.std(np.array(self.particle, np.float32)))
         return self.particle / spread if spread > 0 else 0.0
 
@@ -69,23 +69,23 @@ def light_of(lightfield: LightField, projector: PlenopticProjector, counts_per_e
     one = particle * (share**2 @ squares) / (share @ total)  # variance over mean
     lowest = float(np.percentile(values, LOWEST)) + BELOW_MEAN * noise.dark
     background = _background(lowest, mean, one * mean)
-    if background < mean:  # whose light is no particles'
+    if background < mean:  # light that comes from no particle
         particle, one = (value * mean / (mean - background) for value in (particle, one))
     overlap = max(mean - background, 0.0) / one if one > 0 else 0.0
-    return Light(particle * projector.light_in_focus, noise, mean, background, _sunk(values), float(overlap))
+    return Light(particle * projector.light_in_focus, noise, mean, background, _below_black(values), float(overlap))
 
 
-def _sunk(values: NDArray[np.float32]) -> float:
+def _below_black(values: NDArray[np.float32]) -> float:
     """Counts by which dark pixels lie below the black level beyond noise about it, whose values thin out downward."""
     below = -values[values < 0]
-    if below.size < SUNK_SHARE * values.size:
+    if below.size < BELOW_SHARE * values.size:
         return 0.0
     rms, median = float(np.sqrt(np.mean(below.astype(np.float64) ** 2))), float(np.median(below))
-    return median if rms > SUNK_COUNTS and median > SUNK * rms else 0.0
+    return median if rms > BELOW_COUNTS and median > BELOW_BLACK * rms else 0.0
 
 
 def _background(lowest: float, mean: float, variance: float) -> float:
-    """Light that the darkest pixels hold beyond what particles strewn at random leave in them, whose counts are near a
+    """Background: counts of the darkest pixels above what randomly placed particles give them, whose counts are near a
     gamma distribution of the same variance."""
     from scipy.stats import gamma
 
@@ -102,25 +102,26 @@ def _background(lowest: float, mean: float, variance: float) -> float:
 def exposure(counts: NDArray, sensor: Sensor, found: Light, name: str) -> list[Finding]:
     """Over- and underexposure of a frame (upright counts), and its background."""
     out = [_clipping(counts, sensor, name)]
-    if found.clearness < FAINTEST:
+    if found.signal_to_noise < FAINTEST:
         out.append(
             Finding(
                 "underexposed",
-                "warning" if found.clearness > 0.5 * FAINTEST else "unusable",
+                "warning" if found.signal_to_noise > 0.5 * FAINTEST else "unusable",
                 f"{name} is underexposed: a particle in focus gives a pixel {found.particle:.1f} counts, "
-                f"{found.clearness:.1f} times the noise",
-                found.clearness,
+                f"{found.signal_to_noise:.1f} times the noise",
+                found.signal_to_noise,
                 "noise",
                 "more light, larger particles, or a longer pulse; is black_level right?",
             )
         )
     else:
-        words = f"a particle in focus gives a pixel of {name} {found.particle:.0f} counts, {found.clearness:.0f} times "
-        out.append(Finding("signal", "good", words + "the noise", found.clearness, "noise"))
-    if found.sunk > 0:
-        words = f"dark pixels of {name} lie {found.sunk:.0f} counts below black_level = {sensor.black_level:g}"
+        words = f"a particle in focus gives a pixel of {name} {found.particle:.0f} counts"
+        words += f", {found.signal_to_noise:.0f} times the noise"
+        out.append(Finding("signal", "good", words, found.signal_to_noise, "noise"))
+    if found.below_black > 0:
+        words = f"dark pixels of {name} lie {found.below_black:.0f} counts below black_level = {sensor.black_level:g}"
         advice = "set camera.sensor.black_level to the mean count with the lens cap on"
-        out.append(Finding("black-level", "warning", words, found.sunk, "counts", advice))
+        out.append(Finding("black-level", "warning", words, found.below_black, "counts", advice))
     elif found.particle > 0 and found.background > STRAY * found.particle and found.overlap < OVERLAP:
         words = f"the darkest pixels of {name} hold {found.background:.0f} counts above the black level"
         advice = "stray light, or camera.sensor.black_level is too low: take an image with the lens cap on"
@@ -168,7 +169,7 @@ def seeding(found: Light, camera: PlenopticCamera, depth_mm: float, window_mm: t
         return Finding(
             "too-dense", "warning", f"seeding is too dense: {words}", found.overlap, "particles per pixel", advice
         )
-    if in_window < FEWEST_IN_WINDOW and found.clearness >= FAINTEST:
+    if in_window < FEWEST_IN_WINDOW and found.signal_to_noise >= FAINTEST:
         words, advice = (
             f"seeding is too thin: {words}",
             "add particles, or give larger last windows (correlation.windows)",

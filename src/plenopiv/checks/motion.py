@@ -1,10 +1,10 @@
 """How far particles move between two frames, before anything is reconstructed.
 
 Refocused pictures through depth (``refocusing``) are a blurred volume: a particle is sharp at its own depth. Those of
-two frames, without what is blurred, are correlated in three dimensions in a few large windows; displacements come out
-to a fraction of a microlens, enough to choose windows and dt. In turbulent flow it is a mean over each window. Along z
-it is too small where particles hardly move across: pictures repeat the microlenses, which stand still (of 2.3 voxels
-along z alone 0.6 are seen, of 3.2 with 3.2 across 2.8).
+two frames, without what is blurred, are correlated in three dimensions in a few large windows; displacements are
+accurate to a fraction of a microlens, enough to choose windows and dt. In turbulent flow it is a mean over each window.
+Along z it is underestimated where particles hardly move in the plane, because pictures also show the microlenses, which
+stand still (of 2.3 voxels along z alone 0.6 are found, of 3.2 with 3.2 across 2.8).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from plenopiv.refocusing import image_axes, refocused
 STEPS = 2  # pictures' pixels per microlens
 PLANES = 24  # at most
 WINDOW = 14  # microlenses
-CLEAR = 0.25  # correlation coefficient of a peak that is believed; frames of two flows reach 0.16
+CLEAR = 0.25  # correlation coefficient from which a peak is accepted; frames of two flows reach 0.16
 SLOW = 0.7  # microlenses: what is more blurred is left out
 REACH = 1.5  # dead zones within which planes count less, as in the correlation of volumes
 EVERY = 3  # of the views; neighbours see nearly the same
@@ -35,7 +35,7 @@ class Motion:
 
     place_mm: NDArray[np.float64]
     displacement_mm: NDArray[np.float64]
-    clearness: float
+    correlation: float
 
 
 def motion(a: LightField, b: LightField, z_mm: tuple[float, float]) -> Motion:
@@ -100,20 +100,20 @@ def _moved(a: NDArray, b: NDArray) -> tuple[NDArray[np.float64], float]:
     return move, float(near[peak])
 
 
-def judged(found: Motion, voxel_mm: tuple[float, float, float], limit: NDArray[np.float64]) -> Finding:
-    """What the displacement says; ``limit``: the largest one that the first pass finds, voxels along x, y, z."""
+def finding(found: Motion, voxel_mm: tuple[float, float, float], limit: NDArray[np.float64]) -> Finding:
+    """The finding on displacement; ``limit``: the largest one that the first pass finds, voxels along x, y, z."""
     if not len(found.displacement_mm):
         return Finding(
             "displacement",
             "warning",
             "the two frames show no common displacement",
-            found.clearness,
+            found.correlation,
             advice="a smaller dt, a thinner light sheet; are these two frames of one flow? plenopiv preview tells more",
         )
     voxels = np.abs(found.displacement_mm) / voxel_mm
     largest, middle = np.percentile(voxels, 90, axis=0), np.median(found.displacement_mm / voxel_mm, axis=0)
-    said = ", ".join(f"{v:+.1f}" for v in middle)
-    words = f"particles move by about ({said}) voxels along (x, y, z)"
+    moves = ", ".join(f"{v:+.1f}" for v in middle)
+    words = f"particles move by about ({moves}) voxels along (x, y, z)"
     over = float(np.max(largest / limit))
     if over > 1.0:
         k = int(np.argmax(largest / limit))

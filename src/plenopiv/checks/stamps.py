@@ -1,4 +1,4 @@
-"""What the files say of themselves: when they were taken, and with which camera."""
+"""Time stamps and camera names in the files' tags."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def _plain(text: str) -> str:
 
 
 def in_order(frames: Sequence[tuple[str, Stamp]], dt_s: float) -> Finding:
-    """Whether the frames' times rise in the order in which they are named, evenly as far as they tell."""
+    """Whether the frames' times rise in the order in which they are named, evenly as far as stamps are given."""
     known = [(name, s.taken) for name, s in frames if s.taken is not None]
     if len(known) < 2:
         return Finding("order", "good", "the files name no times: the order of the frames is that of their names")

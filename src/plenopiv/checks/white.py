@@ -26,12 +26,12 @@ def white_image(white: NDArray, camera: PlenopticCamera, name: str) -> tuple[lis
     out = _light(white, camera, name)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PlenoPIVWarning)  # said below
+            warnings.simplefilter("ignore", PlenoPIVWarning)  # a finding below
             fit = find_lattice(white, camera, name)
     except PlenoPIVError as error:
-        said, _, advice = str(error).rpartition(": ")
-        wrong = "lattice-type" if "lattice states" in said else "no-lattice"
-        return [Finding(wrong, "unusable", said, advice=advice), *out], None
+        words, _, advice = str(error).rpartition(": ")
+        wrong = "lattice-type" if "lattice states" in words else "no-lattice"
+        return [Finding(wrong, "unusable", words, advice=advice), *out], None
     out.insert(0, _lattice(fit, name))
     out.insert(1, _f_numbers(white, camera.with_lattice(fit.lattice), name))
     return out, fit

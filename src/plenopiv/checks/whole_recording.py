@@ -1,4 +1,4 @@
-"""All checks on one recording, and what their picture shows."""
+"""All checks on one recording."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from plenopiv.recording import Recording
 from plenopiv.sensor import middle, middle_of
 from plenopiv.volume import VoxelGrid
 
-MIDDLE_PX = 1600  # light, seeding and displacement are measured in the sensor's middle: there is enough of them
+MIDDLE_PX = 1600  # side of the sensor's middle, in which light, seeding and displacement are measured
 FRAMES = 3  # first, second and last: the light of others is taken to be alike
 
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class Checked:
+class CheckResult:
     """Findings on a recording, and what was measured for them.
 
     ``frame`` and ``white`` are upright counts; ``camera`` has the lattice of the white image, where one was found;
@@ -47,7 +47,7 @@ class Checked:
 
     @property
     def usable(self) -> bool:
-        """No finding says that the recording is of no use."""
+        """Whether no finding is "unusable"."""
         return all(finding.severity != "unusable" for finding in self.findings)
 
 
@@ -57,8 +57,8 @@ def check(
     grid: VoxelGrid,
     correlation: CorrelationSettings,
     progress: Progress | None = None,
-) -> Checked:
-    """Look a recording over: files, white image, frames against it, light, seeding, displacement.
+) -> CheckResult:
+    """Check a recording: files, white image, frames against it, light, seeding, displacement.
 
     ``camera`` as it is stated, ``grid`` and ``correlation`` as a run would take them. ``progress(stage, done, total)``.
 
@@ -73,11 +73,11 @@ def check(
         image = recording.white()
     names = [printable(recording.frame_paths[k].name) for k in chosen]
     findings = _files(recording)
-    seen = Checked((), camera, names[0], frames[0], image)
+    seen = CheckResult((), camera, names[0], frames[0], image)
     if image is not None:
         report("white image", 0, 1)
-        said, found = white.white_image(image, camera, printable(recording.white_path.name))  # type: ignore[union-attr]
-        findings += said
+        of_white, found = white.white_image(image, camera, printable(recording.white_path.name))  # type: ignore[union-attr]
+        findings += of_white
         report("white image", 1, 1)
         if found is None:
             return replace(seen, findings=tuple(findings))
@@ -85,16 +85,16 @@ def check(
         report("frames against the white image", 0, 1)
         fits = fit.fits(frames, image, seen.camera.image_pitch_px, camera.sensor.black_level)
         report("frames against the white image", 1, 1)
-        findings += _worst([fit.judged(f, name) for f, name in zip(fits, names, strict=True)])
+        findings += _worst([fit.finding(f, name) for f, name in zip(fits, names, strict=True)])
         seen = replace(seen, fit=fits[0])
         if any(finding.severity == "unusable" for finding in findings if finding.name in ("flipped", "other-camera")):
             return replace(seen, findings=tuple(findings))
-    said, lit, moved = _light_and_motion(recording, seen, frames[:2], names, grid, correlation, report)
-    return replace(seen, findings=tuple(findings + said), light=lit, motion=moved)
+    others, lit, moved = _light_and_motion(recording, seen, frames[:2], names, grid, correlation, report)
+    return replace(seen, findings=tuple(findings + others), light=lit, motion=moved)
 
 
 def _files(recording: Recording) -> list[Finding]:
-    """What times and cameras in the files say."""
+    """Findings on times and cameras in the files' tags."""
     marks = [_marked(path) for path in recording.frame_paths]
     out = [stamps.in_order(marks, recording.dt_s)]
     if recording.white_path is not None:
@@ -115,7 +115,7 @@ def _worst(findings: list[Finding]) -> list[Finding]:
 
 def _light_and_motion(
     recording: Recording,
-    seen: Checked,
+    seen: CheckResult,
     frames: list[NDArray[np.uint16]],
     names: list[str],
     grid: VoxelGrid,
@@ -127,7 +127,7 @@ def _light_and_motion(
     part = middle(recording.sensor, MIDDLE_PX, MIDDLE_PX)
     camera = replace(seen.camera, sensor=part)
     where = layout(camera)
-    projector = PlenopticProjector(where, grid, "1-ray")  # its geometry alone is asked
+    projector = PlenopticProjector(where, grid, "1-ray")  # only its geometry is used
     gain = NO_WHITE_IMAGE
     if seen.white is not None:
         gain = counts_per_electron(decode(middle_of(seen.white, part), where))
@@ -150,6 +150,6 @@ def _light_and_motion(
     report("displacement", 0, 1)
     moved = motion.motion(fields[0], fields[1], (lo, hi))
     limit = correlation.search * np.array(correlation.windows[0], float)
-    out.append(motion.judged(moved, grid.voxel_mm, limit))
+    out.append(motion.finding(moved, grid.voxel_mm, limit))
     report("displacement", 1, 1)
     return out, lights[0], moved

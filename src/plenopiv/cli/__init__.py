@@ -2,6 +2,7 @@
 
 app.py        the commands, their options and help; imports nothing heavy
 messages.py   errors and warnings in one line each, exit codes
+terminal.py   output as text, JSON lines or colours
 progress.py   bars on a terminal, plain lines elsewhere
 one module for the body of each command
 """

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from plenopiv.cli.terminal import Outcome, speech
+from plenopiv.cli.terminal import Outcome, terminal
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -29,8 +29,9 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
-def _say(command: str, outcome: Outcome | str) -> None:
-    code = speech.result(command, outcome)
+def _finish(command: str, outcome: Outcome | str) -> None:
+    """Print the result of a command; leave with its exit code."""
+    code = terminal.result(command, outcome)
     if code:
         raise typer.Exit(code)
 
@@ -40,7 +41,7 @@ def plenopiv_command(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and leave.")
     ] = False,
-    quiet: Annotated[  # this and the next are read before (speech.begin), so that they may stand anywhere
+    quiet: Annotated[  # this and the next are read before (terminal.take_flags), so that they may stand anywhere
         bool, typer.Option("--quiet", "-q", help="No progress and no notes; also after a command.")
     ] = False,
     as_json: Annotated[
@@ -76,7 +77,7 @@ def init(
     """Draft FOLDER/experiment.toml from a folder of images and an optics sheet.
 
     The white image is found by its name (white*, calib*, flat*); all other TIFF files are frames, in natural order.
-    Volume and voxels are suggested from the optics; each key is explained in the file. An optics sheet looks so:
+    Volume and voxels are suggested from the optics; each key is explained in the file. An optics sheet:
 
     \b
         {"main_lens": {"focal_length_mm": 50, "aperture_mm": 25, "magnification": -1},
@@ -91,7 +92,7 @@ def init(
     """
     from plenopiv.cli.init import init
 
-    _say("init", init(folder, sheet, overwrite))
+    _finish("init", init(folder, sheet, overwrite))
 
 
 @app.command()
@@ -117,7 +118,7 @@ def simulate(
     """
     from plenopiv.cli.simulate import simulate
 
-    _say("simulate", simulate(experiment, folder, overwrite))
+    _finish("simulate", simulate(experiment, folder, overwrite))
 
 
 @app.command()
@@ -125,7 +126,8 @@ def calibrate(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
     """Find the microlenses in the white image; print and save the lattice.
 
     A run does this by itself; calibrate first to see whether the white image is good. The residual says how far
-    micro-images lie from a regular lattice: a few hundredths of a pixel are usual, tenths deserve a look.
+    micro-images lie from a regular lattice: a few hundredths of a pixel are usual; with tenths, inspect the
+    white image.
 
     \b
     Example:
@@ -133,7 +135,7 @@ def calibrate(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
     """
     from plenopiv.cli.calibrate import calibrate
 
-    _say("calibrate", calibrate(experiment, overwrite))
+    _finish("calibrate", calibrate(experiment, overwrite))
 
 
 @app.command()
@@ -141,7 +143,7 @@ def check(experiment: ExperimentFile) -> None:
     """Is this recording good? Lattice, f-numbers, exposure, background, seeding, displacement, order of frames.
 
     Each finding is good, a warning, or "unusable" (exit code 2), with what to do about it; look/check.png beside the
-    experiment file shows what was looked at. It takes seconds, with 29 megapixels half a minute.
+    experiment file shows the images and curves behind the findings. It takes seconds, with 29 megapixels half a minute.
 
     \b
     Example:
@@ -150,7 +152,7 @@ def check(experiment: ExperimentFile) -> None:
     """
     from plenopiv.cli.light_field import check
 
-    _say("check", check(experiment))
+    _finish("check", check(experiment))
 
 
 @app.command()
@@ -171,7 +173,7 @@ def views(
     """
     from plenopiv.cli.light_field import views
 
-    _say("views", views(experiment, frame, across))
+    _finish("views", views(experiment, frame, across))
 
 
 @app.command()
@@ -194,14 +196,14 @@ def refocus(
     """
     from plenopiv.cli.light_field import refocus
 
-    _say("refocus", refocus(experiment, z or (), frame))
+    _finish("refocus", refocus(experiment, z or (), frame))
 
 
 @app.command()
 def preview(experiment: ExperimentFile) -> None:
     """Measure the middle of the field coarsely, in well under a minute once the kernels are compiled.
 
-    The first two frames, wider voxels, fewer rounds: to see whether settings are near, not to measure. Writes the
+    The first two frames, wider voxels, fewer iterations: to see whether settings are near, not to measure. Writes the
     folder preview beside the experiment file, with velocity.nc, preview.png, report.html and the small recording that
     was used; results are not touched.
 
@@ -211,7 +213,7 @@ def preview(experiment: ExperimentFile) -> None:
     """
     from plenopiv.cli.light_field import preview
 
-    _say("preview", preview(experiment))
+    _finish("preview", preview(experiment))
 
 
 @app.command()
@@ -238,7 +240,7 @@ def run(
     """
     from plenopiv.cli.run import run
 
-    _say("run", run(experiment, overwrite, memory))
+    _finish("run", run(experiment, overwrite, memory))
 
 
 @app.command()
@@ -261,14 +263,14 @@ def export(
     """
     from plenopiv.cli.export import export
 
-    _say("export", export(velocity, target, z, time, overwrite))
+    _finish("export", export(velocity, target, z, time, overwrite))
 
 
 @app.command()
 def info(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A .toml, .nc or .tif file.")],
 ) -> None:
-    """Say what a file holds. For an experiment: camera, field of view by depth, voxels, memory, warnings.
+    """Print what a file holds. For an experiment: camera, field of view by depth, voxels, memory, warnings.
 
     \b
     Example:
@@ -277,7 +279,7 @@ def info(
     """
     from plenopiv.cli.info import info
 
-    _say("info", info(file))
+    _finish("info", info(file))
 
 
 @app.command()
@@ -314,7 +316,7 @@ def design(
     from plenopiv.cli.design import design
 
     densities = (density or DENSITIES) if simulate else ()
-    _say("design", design(sheet, folder, depth, densities, compare, overwrite))
+    _finish("design", design(sheet, folder, depth, densities, compare, overwrite))
 
 
 @app.command()
@@ -331,4 +333,4 @@ def demo(
     """
     from plenopiv.cli.demo import demo
 
-    _say("demo", demo(folder, overwrite))
+    _finish("demo", demo(folder, overwrite))

@@ -12,7 +12,7 @@ FILE = "lattice.toml"
 
 
 def calibrate(file: Path, overwrite: bool) -> str:
-    """Find the lattice, save it beside the experiment file and say how well it fits.
+    """Find the lattice, save it beside the experiment file; returns a summary of the fit.
 
     Raises:
         PlenoPIVError: the experiment file or its images are wrong, there is no white image, no lattice is found in it,

@@ -49,7 +49,7 @@ TABLES = {
 
 
 def demo(folder: Path, overwrite: bool) -> str:
-    """Simulate, run, score; say how accurate it was and where the report is.
+    """Simulate, run, score; returns the errors and where the report is.
 
     Raises:
         PlenoPIVError: the folder already holds a recording or a run.

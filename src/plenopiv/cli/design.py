@@ -49,7 +49,7 @@ def design(
             found = designed(camera, depth, densities=densities, simulate_variants=compare, progress=progress)
     except PlenoPIVError as error:
         raise PlenoPIVError(f"{sheet}: {error}") from None
-    text = said(found)
+    text = as_text(found)
     if folder is None:
         return text
     from plenopiv.report.design import design_figure
@@ -82,8 +82,8 @@ def costs(optics: Optics) -> dict[str, float]:
     }
 
 
-def said(found: Design) -> str:
-    """The design in words and tables."""
+def as_text(found: Design) -> str:
+    """The design as lines and tables of text."""
     optics, needed = found.optics, costs(found.optics)
     measured = optics.measurement
     sides = " x ".join(f"{hi - lo:.3g}" for lo, hi in measured.limits_mm)
@@ -124,7 +124,8 @@ def _by_depth(optics: Optics) -> str:
         for d in optics.depths[::2]
     ]
     title = (
-        "Way of a point until another pixel is lit, um: in the mean (at most). Its light tells more, and noise less."
+        "Distance that a point moves until another pixel is lit, um: mean (largest). The split of its light between "
+        "pixels resolves less than this, noise more."
     )
     return _table(title, ("z (mm)", "field (mm)", "across", "in depth"), rows)
 
@@ -177,4 +178,4 @@ def _variants(found: Design) -> str:
         "what changes", "lenses", "dead zone +-mm", "field (mm)", "depth (mm)",
         "across, z = 0", "at the end", "in depth, z = 0", "at the end", "RMS x y z (voxel)" if found.best else "",
     )  # fmt: skip
-    return _table("What would change (ways in um as above, apertures matched anew):", head, rows)
+    return _table("What would change (distances in um as above, apertures matched anew):", head, rows)

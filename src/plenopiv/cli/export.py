@@ -14,7 +14,7 @@ VTKHDF, OPENPIV = ".vtkhdf", ".txt"
 
 
 def export(velocity: Path, target: Path, z_mm: float | None, time: int, overwrite: bool) -> Outcome:
-    """Write ``target``, whose ending tells the format.
+    """Write ``target``, in the format that its ending names.
 
     Raises:
         PlenoPIVError: the field cannot be read; an ending that is no format, a plane that is missing or not asked for;
@@ -22,7 +22,7 @@ def export(velocity: Path, target: Path, z_mm: float | None, time: int, overwrit
     """
     kind = target.suffix.lower()
     if kind not in (VTKHDF, OPENPIV):
-        raise PlenoPIVError(f"{target}: the ending tells the format: {VTKHDF} for ParaView, {OPENPIV} for OpenPIV")
+        raise PlenoPIVError(f"{target}: the ending names the format: {VTKHDF} for ParaView, {OPENPIV} for OpenPIV")
     if (kind == OPENPIV) != (z_mm is not None):
         needs = "OpenPIV's files hold one plane: choose it with --z" if z_mm is None else f"{VTKHDF} holds all planes"
         raise PlenoPIVError(f"{target}: {needs}" + ("" if z_mm is None else "; leave --z out"))

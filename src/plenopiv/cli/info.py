@@ -81,10 +81,10 @@ def _experiment(file: Path) -> Lines:
     last = windows[-1]
     spacing = [1e3 * d * n * (1 - experiment.correlation.overlap) for d, n in zip(grid.voxel_mm, last, strict=True)]
     lines.append(("windows", " -> ".join(" x ".join(map(str, window)) for window in windows) + " voxels"))
-    inner = experiment.correlation.settings().inner
-    if inner is not None:
+    sub_window = experiment.correlation.settings().sub_window
+    if sub_window is not None:
         lines.append(
-            ("inner windows", f"{' x '.join(map(str, inner))} voxels; a vector is their mean over the last window")
+            ("sub-windows", f"{' x '.join(map(str, sub_window))} voxels; a vector is their mean over the last window")
         )
     lines.append(("vectors", "every " + " x ".join(f"{d:.3g}" for d in spacing) + " um"))
     table = experiment.recording_table

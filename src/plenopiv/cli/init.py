@@ -22,7 +22,7 @@ TIFF = (".tif", ".tiff")
 
 
 def init(folder: Path, sheet: Path, overwrite: bool) -> str:
-    """Write ``folder/experiment.toml`` and say what to do next.
+    """Write ``folder/experiment.toml``; returns the files used and the next commands.
 
     Raises:
         PlenoPIVError: the folder or sheet cannot be used, the sheet lacks a value, images are missing, differ in size

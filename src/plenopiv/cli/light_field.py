@@ -1,4 +1,4 @@
-"""``plenopiv views``, ``refocus``, ``check`` and ``preview``: look before computing."""
+"""``plenopiv views``, ``refocus``, ``check`` and ``preview``: inspect a recording before a run."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from plenopiv.cli.progress import Progress
-from plenopiv.cli.terminal import Outcome, painted
+from plenopiv.cli.terminal import Outcome, coloured
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from plenopiv.checks import Finding
+
 FOLDER = "look"  # beside the experiment file
-PAINT = {"good": "green", "warning": "yellow", "unusable": "red"}
-LETTERS = 96  # in a line of words
+COLOUR = {"good": "green", "warning": "yellow", "unusable": "red"}
+LETTERS = 96  # in a line of text
 
 
 def views(file: Path, frame: str | None, across: int) -> Outcome:
@@ -60,7 +62,7 @@ def refocus(file: Path, z_mm: Sequence[float], frame: str | None) -> Outcome:
 
 
 def check(file: Path) -> Outcome:
-    """Say whether a recording is good, and draw what was looked at; exit code 2 where it is of no use.
+    """Print whether a recording is good, and draw the images and curves behind it; exit code 2 where it is unusable.
 
     Raises:
         PlenoPIVError: the experiment file or its images cannot be read.
@@ -77,7 +79,7 @@ def check(file: Path) -> Outcome:
             recording, experiment.camera(), experiment.grid(), experiment.correlation.settings(), progress=progress
         )
     drawn = _drawn(experiment, "check.png", check_figure(found))
-    lines = [line for finding in found.findings for line in _said(finding.severity, finding.words, finding.advice)]
+    lines = [line for finding in found.findings for line in _finding_lines(finding)]
     bad = sum(finding.severity == "warning" for finding in found.findings)
     verdict = "not usable as it is" if not found.usable else f"usable, {bad} to look at" if bad else "good"
     text = "\n".join([*lines, "", f"{file}: {verdict}", drawn.text])
@@ -107,11 +109,14 @@ def preview(file: Path) -> Outcome:
     return Outcome("\n".join([*lines, *map(str, files)]), {"files": [str(path) for path in files]})
 
 
-def _said(severity: str, words: str, advice: str) -> list[str]:
-    first, *rest = wrap(words, LETTERS)
-    head = painted(f"{severity:<9}", PAINT[severity], sys.stdout)
+def _finding_lines(finding: Finding) -> list[str]:
+    """A finding and its advice, wrapped."""
+    first, *rest = wrap(finding.words, LETTERS)
+    head = coloured(f"{finding.severity:<9}", COLOUR[finding.severity], sys.stdout)
     lines = [f"{head} {first}", *(f"{'':<9} {line}" for line in rest)]
-    return lines + [f"{'':<9} {'->' if k == 0 else '  '} {line}" for k, line in enumerate(wrap(advice, LETTERS - 3))]
+    return lines + [
+        f"{'':<9} {'->' if k == 0 else '  '} {line}" for k, line in enumerate(wrap(finding.advice, LETTERS - 3))
+    ]
 
 
 def _drawn(experiment: Experiment, name: str, figure: Figure) -> Outcome:

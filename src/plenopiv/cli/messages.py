@@ -1,7 +1,7 @@
 """The entry point: what goes wrong is one line on stderr and an exit code, never a traceback.
 
-Exit codes: 0 done (perhaps with warnings), 2 an input cannot be used, 130 interrupted, 143 terminated. How lines look
-(words, JSON, colours) is up to ``speech``.
+Exit codes: 0 done (perhaps with warnings), 2 an input cannot be used, 130 interrupted, 143 terminated. ``terminal``
+prints the lines, as text or as JSON.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from contextlib import contextmanager
 from typing import NoReturn, TextIO
 
 from plenopiv.cli.app import app
-from plenopiv.cli.terminal import speech
+from plenopiv.cli.terminal import terminal
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line (``sys.argv`` by default) and return its exit code."""
-    given = speech.begin(list(sys.argv[1:] if arguments is None else arguments))
+    given = terminal.take_flags(list(sys.argv[1:] if arguments is None else arguments))
     with _warnings_in_one_line(), _notes_in_one_line(), _terminated_like_interrupted():
         try:
             code = app(args=given or ["--help"], prog_name="plenopiv", standalone_mode=False)
@@ -44,14 +44,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             context = getattr(error, "ctx", None)
             return _fail(f"{usage().rstrip('.')}; see {context.command_path if context else 'plenopiv'} --help")
     if code == 130:
-        if speech.as_json:
-            return speech.error("interrupted; nothing was written", code)
+        if terminal.as_json:
+            return terminal.error("interrupted; nothing was written", code)
         print("plenopiv: interrupted; nothing was written", file=sys.stderr)
     return code if isinstance(code, int) else 0
 
 
 def _fail(message: str) -> int:
-    return speech.error(message, 2)
+    return terminal.error(message, 2)
 
 
 @contextmanager
@@ -59,7 +59,7 @@ def _warnings_in_one_line() -> Iterator[None]:
     """Print a PlenoPIVWarning as one line, once for each text; leave other libraries' warnings as they are."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", PlenoPIVWarning)
-        usual, said = warnings.showwarning, set()
+        usual, printed = warnings.showwarning, set()
 
         def show(
             message: Warning | str,
@@ -71,9 +71,9 @@ def _warnings_in_one_line() -> Iterator[None]:
         ) -> None:
             if not issubclass(category, PlenoPIVWarning):
                 usual(message, category, filename, lineno, file, line)
-            elif str(message) not in said:
-                said.add(str(message))
-                speech.warning(str(message))
+            elif str(message) not in printed:
+                printed.add(str(message))
+                terminal.warning(str(message))
 
         warnings.showwarning = show
         yield
@@ -83,7 +83,7 @@ def _warnings_in_one_line() -> Iterator[None]:
 def _notes_in_one_line() -> Iterator[None]:
     """Print what the package logs (what memory a run takes, say), a line each."""
     log, handler = logging.getLogger("plenopiv"), logging.Handler()
-    handler.emit = lambda record: speech.note(record.getMessage())  # type: ignore[method-assign]
+    handler.emit = lambda record: terminal.note(record.getMessage())  # type: ignore[method-assign]
     before = log.level
     log.addHandler(handler)
     log.setLevel(logging.INFO)

@@ -6,7 +6,7 @@ import sys
 from time import perf_counter
 from typing import Any
 
-from plenopiv.cli.terminal import speech
+from plenopiv.cli.terminal import terminal
 
 QUIET_S = 2.0  # work shorter than this shows nothing
 LINE_S = 30.0  # between two lines of one stage, off a terminal
@@ -18,16 +18,16 @@ class Progress:
 
     Use as a context manager. On a terminal every stage is a bar that appears once the work has taken two seconds;
     elsewhere (a log, a cluster) a line is printed when a stage ends that took longer than that, and every half minute
-    before. ``--json`` makes events of it, ``--quiet`` leaves it out (``speech``).
+    before. ``--json`` makes events of it, ``--quiet`` leaves it out.
     """
 
     def __init__(self) -> None:
         self._bars: Any = None  # rich's, once there is something to show
         self._tasks: dict[str, int] = {}
         self._started: dict[str, float] = {}
-        self._spoke: dict[str, float] = {}
+        self._shown: dict[str, float] = {}
         self._ended: set[str] = set()
-        self._terminal = sys.stderr.isatty()
+        self._on_terminal = sys.stderr.isatty()
         self._begin = perf_counter()
 
     def __enter__(self) -> Progress:
@@ -42,11 +42,11 @@ class Progress:
         """``done`` of ``total`` parts of a stage's work are done."""
         now = perf_counter()
         begin = self._started.setdefault(stage, now)
-        if speech.quiet:
+        if terminal.quiet:
             return
-        if speech.as_json:
+        if terminal.as_json:
             self._event(stage, done, total, now, now - begin)
-        elif self._terminal:
+        elif self._on_terminal:
             self._draw(now)
             if self._bars is not None:
                 self._bars.update(self._tasks[stage], completed=done, total=total)
@@ -60,20 +60,20 @@ class Progress:
             self._ended.add(stage)
             if took >= QUIET_S:
                 print(f"plenopiv: {stage}: {took:.1f} s", file=sys.stderr, flush=True)
-        elif now - self._spoke.setdefault(stage, now) >= LINE_S:
-            self._spoke[stage] = now
+        elif now - self._shown.setdefault(stage, now) >= LINE_S:
+            self._shown[stage] = now
             left = left_s(done, total, took)
-            ahead = "" if left is None else f", about {spoken(left)} left"
+            ahead = "" if left is None else f", about {duration_text(left)} left"
             print(f"plenopiv: {stage}: {100 * done / total:.0f} %{ahead}", file=sys.stderr, flush=True)
 
     def _event(self, stage: str, done: int, total: int, now: float, took: float) -> None:
         ends = done >= total and stage not in self._ended
-        if ends or now - self._spoke.get(stage, -EVENT_S) >= EVENT_S:
-            self._spoke[stage] = now
+        if ends or now - self._shown.get(stage, -EVENT_S) >= EVENT_S:
+            self._shown[stage] = now
             self._ended |= {stage} if ends else set()
             left = left_s(done, total, took)
             eta = None if left is None else round(left, 1)
-            speech.event("progress", stage=stage, done=done, total=total, elapsed_s=round(took, 1), eta_s=eta)
+            terminal.event("progress", stage=stage, done=done, total=total, elapsed_s=round(took, 1), eta_s=eta)
 
     def _draw(self, now: float) -> None:
         if self._bars is None and now - self._begin >= QUIET_S:
@@ -102,8 +102,8 @@ def left_s(done: int, total: int, took: float) -> float | None:
     return took * (total - done) / done if done > 0 else None
 
 
-def spoken(seconds: float) -> str:
-    """As a person would say it."""
+def duration_text(seconds: float) -> str:
+    """A time with its unit, to two digits or so."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

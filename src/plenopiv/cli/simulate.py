@@ -14,7 +14,7 @@ from plenopiv.simulation.simulated_recording import Seeding, SimulatedRecording,
 
 
 def simulate(file: Path, folder: Path, overwrite: bool) -> str:
-    """Write the recording and say what to do next.
+    """Write the recording; returns its files and the next command.
 
     Raises:
         PlenoPIVError: the experiment file is wrong or has no [simulation] table, the flow or its parameters are

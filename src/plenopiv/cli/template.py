@@ -3,7 +3,7 @@
 import re
 from typing import Any
 
-COMMENTS_AT = 33  # column of the comments, where the value leaves room
+COMMENTS_AT = 33  # column of the comments, where values are short enough
 
 TEMPLATE = """\
 # One plenoptic recording, from raw images to a velocity field:  plenopiv run experiment.toml
@@ -44,13 +44,13 @@ voxel_mm = {voxel}   # along x, y, z
 
 [reconstruction]
 method = {method}   # "mart": every voxel may hold light; "drt-mart": only those that all views see lit
-iterations = {iterations}   # rounds over all views
+iterations = {iterations}   # each uses all views once
 relaxation = {relaxation}   # 0 to 1: smaller is steadier and slower
 
 [correlation]
 windows = {windows}   # voxels along x, y, z, coarse to fine
 overlap = {overlap}   # of neighbouring windows, as a fraction
-# inner_window = {inner}   # default; smaller for flows that bend within a window, whose vector is their mean
+# inner_window = {inner}   # default; sub-windows, whose vectors are averaged; smaller for curved flows
 
 [output]
 directory = "results"

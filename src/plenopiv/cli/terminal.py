@@ -1,8 +1,8 @@
-"""How the program speaks: words for people, JSON lines for batch systems, colours on a terminal alone.
+"""Output of the program: text for people, JSON lines for batch systems, colours on a terminal only.
 
 With ``--json`` every line on stdout is one JSON object with the key ``event``:
 
-    progress  stage, done, total, elapsed_s, eta_s (null until it can be told); at most one a second and stage
+    progress  stage, done, total, elapsed_s, eta_s (null until it is known); at most one a second and stage
     note      message
     warning   message
     error     message, exit_code; the last line
@@ -27,7 +27,7 @@ COLOURS = {"red": "31", "green": "32", "yellow": "33"}
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command says when it has ended: its text, facts for programs, and the exit code."""
+    """Result of a command: text, facts for programs, and the exit code."""
 
     text: str
     facts: dict[str, Any] = field(default_factory=dict)
@@ -35,14 +35,14 @@ class Outcome:
 
 
 @dataclass
-class Speech:
-    """How this process speaks now."""
+class Terminal:
+    """Output of this process, as text or as JSON lines."""
 
     as_json: bool = False
     quiet: bool = False
 
-    def begin(self, arguments: Sequence[str]) -> list[str]:
-        """Take ``--json``, ``--quiet`` and ``-q`` out of the arguments, up to ``--``, and keep to them."""
+    def take_flags(self, arguments: Sequence[str]) -> list[str]:
+        """Set ``as_json`` and ``quiet`` from ``--json``, ``--quiet`` and ``-q`` before ``--``; returns the others."""
         end = arguments.index("--") if "--" in arguments else len(arguments)
         flags = [word for word in arguments[:end] if word in ("--json", "--quiet", "-q")]
         self.as_json, self.quiet = "--json" in flags, "--quiet" in flags or "-q" in flags
@@ -53,7 +53,7 @@ class Speech:
         print(json.dumps({"event": kind, **facts}, allow_nan=False), flush=True)
 
     def note(self, message: str) -> None:
-        """What is good to know."""
+        """Print a note, one line on stderr."""
         if self.quiet:
             return
         if self.as_json:
@@ -62,37 +62,37 @@ class Speech:
             print(f"plenopiv: {printable(message)}", file=sys.stderr, flush=True)
 
     def warning(self, message: str) -> None:
-        """What the user should know, on one line."""
+        """Print a warning, one line on stderr."""
         line = " ".join(message.split())
         if self.as_json:
             self.event("warning", message=line)
         else:
-            print(f"plenopiv: {painted('warning:', 'yellow', sys.stderr)} {printable(line)}", file=sys.stderr)
+            print(f"plenopiv: {coloured('warning:', 'yellow', sys.stderr)} {printable(line)}", file=sys.stderr)
 
     def error(self, message: str, code: int) -> int:
-        """What went wrong, on one line; returns the exit code."""
+        """Print an error, one line on stderr; returns the exit code."""
         line = " ".join(message.split())
         if self.as_json:
             self.event("error", message=line, exit_code=code)
         else:
-            print(f"plenopiv: {painted('error:', 'red', sys.stderr)} {printable(line)}", file=sys.stderr)
+            print(f"plenopiv: {coloured('error:', 'red', sys.stderr)} {printable(line)}", file=sys.stderr)
         return code
 
     def result(self, command: str, outcome: Outcome | str) -> int:
-        """What a command found or wrote; returns the exit code."""
-        told = Outcome(outcome) if isinstance(outcome, str) else outcome
+        """Print the result of a command on stdout; returns its exit code."""
+        ended = Outcome(outcome) if isinstance(outcome, str) else outcome
         if self.as_json:
-            self.event("result", command=command, text=told.text, **told.facts)
+            self.event("result", command=command, text=ended.text, **ended.facts)
         else:
-            print(told.text)
-        return told.exit_code
+            print(ended.text)
+        return ended.exit_code
 
 
-speech = Speech()
+terminal = Terminal()
 
 
-def painted(text: str, colour: str, stream: TextIO) -> str:
-    """Coloured on a terminal that shows colours, plain elsewhere (https://no-color.org)."""
-    if not stream.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" or speech.as_json:
+def coloured(text: str, colour: str, stream: TextIO) -> str:
+    """Text in colour on a terminal that shows colours, plain elsewhere (https://no-color.org)."""
+    if not stream.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" or terminal.as_json:
         return text
     return f"\x1b[{COLOURS[colour]}m{text}\x1b[0m"

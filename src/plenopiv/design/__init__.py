@@ -1,11 +1,11 @@
 """What a camera could resolve, before anything is recorded: the analysis of the paper's section 2 for any camera.
 
-    light_columns.py   rays through the portions' boundaries, the microlens that each one meets, how far a point can go
-    blocks.py          the cells that those rays cut object space into: polygons, areas, extents in a plane
+    light_columns.py   rays through the portions' boundaries, the microlens that each one meets, how far a point can
+    move blocks.py          the cells that those rays cut object space into: polygons, areas, extents in a plane
     resolution.py      free shift along x, y and z against depth; mean sizes of blocks
 
-It knows geometry alone. How far below a block the split of light between microlenses reaches is told by
-``accuracy.bound``, which weighs it against noise.
+It knows geometry alone. How much finer than a block the split of light between microlenses resolves, given noise, is
+the subject of ``accuracy.bound``.
 """
 
 from plenopiv.design.blocks import Blocks, Plane, blocks, xy_plane, yz_plane

@@ -1,4 +1,4 @@
-"""What to ask of a camera: depth, voxels, windows."""
+"""Depth, voxels and windows suggested for a camera."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ def suggested(camera: PlenopticCamera, depth_mm: tuple[float, float] | None = No
     return Measurement(limits, voxel, (within(first, (nx, ny, nz)), within(last, (nx, ny, nz))))
 
 
-def within(window: Window, room: Window) -> Window:
-    """A window no larger than ``room``, voxels along x, y, z."""
-    x, y, z = map(min, window, room)
+def within(window: Window, volume: Window) -> Window:
+    """A window no larger than ``volume``, voxels along x, y, z."""
+    x, y, z = map(min, window, volume)
     return x, y, z
 
 

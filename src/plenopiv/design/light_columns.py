@@ -1,9 +1,9 @@
 """Light columns: the rays between a point and the portions of the main lens, and the microlenses that they meet.
 
-Source: Shi, Ding & New (2016), section 2 and Fig. 3. A pixel looks at one portion of the main lens; the rays of a point
-through a portion are a light column, bounded by the rays through the portion's corners. Two points are told apart where
-"the location variation results in any light columns be captured by different microlens", so a point is coded by the
-microlenses that its boundary rays meet, and points of one code are one unresolvable block.
+Source: Shi, Ding & New (2016), section 2 and Fig. 3. A pixel sees one portion of the main lens; the rays of a point
+through a portion are a light column, bounded by the rays through the portion's corners. Two points are distinguished
+where "the location variation results in any light columns be captured by different microlens", so a point is coded by
+the microlenses that its boundary rays meet, and points of one code are one unresolvable block.
 
 The ray through u meets the microlens plane at s = A(z) u + B(z) x. It stays in the microlens S while n.(s - S) <= p/2
 for the normals n of the sides of the microlens' cell. Times d = S_o - z > 0, with A d = |M| z and B d = -S_i, that is
@@ -11,7 +11,7 @@ for the normals n of the sides of the microlens' cell. Times d = S_o - z > 0, wi
     |M| z n.u - S_i n.x <= (n.S + p/2)(S_o - z),
 
 linear in (x, y, z): boundaries are planes (the paper's lines), a block is an intersection of half-spaces, hence convex,
-and the way of a point to the nearest boundary is a quotient.
+and the distance of a point to the nearest boundary is a quotient.
 
 Two idealisations are the paper's. Portions are the same under every microlens, symmetric about the axis. And only
 *which* pixels are lit counts: a column that two microlenses share sends each of them a part of its light, and those
@@ -87,7 +87,7 @@ def codes(camera: PlenopticCamera, points_mm: ArrayLike, rays_mm: ArrayLike | No
 def free_shift_mm(
     camera: PlenopticCamera, points_mm: ArrayLike, direction: ArrayLike, rays_mm: ArrayLike | None = None
 ) -> Array:
-    """How far each point can go along ``direction`` (3,) before its code changes: (n,) mm, inf where it never does.
+    """How far each point can move along ``direction`` (3,) before its code changes: (n,) mm, inf where it never does.
 
     In closed form, see the module's text. Other arguments and errors as of ``codes``.
     """
@@ -98,8 +98,8 @@ def free_shift_mm(
         for ray in rays:
             for gradient, limit in half_spaces(camera, points, ray):
                 rate = gradient @ e
-                way = (limit - np.einsum("nc,nc->n", gradient, points)) / rate
-                shift = np.minimum(shift, np.where(rate > 0, np.maximum(way, 0.0), np.inf))
+                distance = (limit - np.einsum("nc,nc->n", gradient, points)) / rate
+                shift = np.minimum(shift, np.where(rate > 0, np.maximum(distance, 0.0), np.inf))
     return shift
 
 

@@ -6,9 +6,10 @@ p/|B|,
 
     mean free shift = sum g^2 / (2 sum g)       largest free shift = max g.
 
-The first is the mean, over all places where a particle may be, of its way to the next boundary: a long gap holds more
-places than a short one. The plain mean of the gaps would be p/|B| over their number, about one pixel's width at every
-depth and for every PMR: it does not see that boundaries bunch near focus and come close to one another at some depths.
+The first is the mean, over all places where a particle may be, of its distance to the next boundary: a long gap holds
+more places than a short one. The plain mean of the gaps would be p/|B| over their number, about one pixel's width at
+every depth and for every PMR: it does not show that boundaries bunch near focus and come close to one another at some
+depths.
 """
 
 from __future__ import annotations
@@ -90,7 +91,7 @@ def mean_free_shift(
 
     ``rays_mm`` (rays, 2): see ``codes``. The mean is over both senses and over points whose images through the main
     lens' centre are ``image_mm`` (m, 2) on the microlens plane, by default ``places_mm`` of a cell; the largest is the
-    longest way through a block.
+    longest path through a block.
     """
     e = np.asarray(direction, np.float64)
     image = places_mm(camera.lattice) if image_mm is None else np.asarray(image_mm, np.float64)

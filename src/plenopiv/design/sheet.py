@@ -39,8 +39,8 @@ class Depth(NamedTuple):
 class Optics:
     """A camera in numbers that follow from its geometry.
 
-    ``microlenses`` on the sensor, ``views`` pixels that a microlens lights, ``dead_zone_mm`` where depth leaves no
-    trace, ``overlap`` particles that light a pixel at one per microlens, in the mean over ``depths``.
+    ``microlenses`` on the sensor, ``views`` pixels that a microlens lights, ``dead_zone_mm`` where depth is not
+    resolved, ``overlap`` particles that light a pixel at one per microlens, in the mean over ``depths``.
     """
 
     name: str
@@ -81,7 +81,7 @@ def design(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Design:
-    """Everything about a camera that someone is about to build.
+    """Resolution, field, variants and expected errors of a camera.
 
     ``depth_mm``: what is lit, default where the camera resolves depth well. ``densities``: particles per microlens,
     each simulated in a twin; none leave velocity errors out. ``simulate_variants``: a twin of each variant too, at

@@ -1,12 +1,13 @@
 """How far two deformed windows show the same particles, place by place.
 
-Once the volumes are deformed, a particle that both hold lies at one place in both. Ghosts and particles that one volume
-lost lie alone, and by lying near a particle of the other volume they pull the correlation peak. So each place counts by
+In the deformed volumes, a particle that both contain lies at the same place in both. Ghost particles, and particles
+that one volume lacks, have no partner; near a particle of the other volume they shift the correlation peak. Each place
+is therefore weighted by
 
     q = G[A B] / G[(A^2 + B^2) / 2]        between 0 (light in one window only) and 1 (the same light in both)
 
-where A and B are the light of the windows in cells of about four voxels, wide enough for the displacement that is left
-to make little difference, and G weighs a cell and its neighbours 1 : 2 : 1 along each axis.
+where A and B are the windows' intensities summed over cells of about four voxels, and G weights a cell and its
+neighbours 1 : 2 : 1 along each axis. The remaining displacement is small against such a cell.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _CELL = 4  # voxels
-_FLOOR = np.float32(1e-3)  # of the mean of A^2: the dark decides nothing
+_FLOOR = np.float32(1e-3)  # of the mean of A^2: keeps q of empty cells near 0
 
 
 def agreement(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:

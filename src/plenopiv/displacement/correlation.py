@@ -11,7 +11,7 @@ from plenopiv.displacement.spectra import correlate, transform_windows
 from plenopiv.displacement.transforms import fast_length, lines, rounded_up
 from plenopiv.displacement.windows import WindowBatch
 
-EVERYWHERE = np.ones((1, 1, 1, 1), np.float32)
+ONES = np.ones((1, 1, 1, 1), np.float32)
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Spectra:
     """Transforms of a batch of windows a + i b, each window weighted and of zero mean (batch, floats; ``transforms``).
 
     ``gain``: what the correlation is multiplied by for the overlap of the weights, 1/C(d): (batch or 1, 2 rz + 3, ...).
-    ``lit`` (batch,): whether both windows hold more than one value; rounding of flat ones is no match.
+    ``lit`` (batch,): whether both windows hold more than one value; of uniform windows only rounding would correlate.
     """
 
     pairs: NDArray[np.float32]
@@ -34,19 +34,20 @@ class WindowCorrelator:
 
         R(d) = sum_x a(x) b(x + d),    normalised R(d) / prod_axes C(d),    C(d) = sum_x w(x) w(x + d) / sum_x w(x)^2,
 
-    the first sum taken circularly, by Fourier transforms. Only the share C(d) of the pairs of each axis holds the same
-    particles (1 - |d|/n for w = 1), the rest wraps around onto strangers whose mean contribution is zero; without
-    division every peak is pulled toward zero, by 0.07 voxel for windows of 32^3. The division raises chance peaks far
-    out as well, so a peak is looked for without it and then placed with it (``find_peaks``).
+    the first sum taken circularly, by Fourier transforms. Of the pairs of voxels along each axis only the fraction C(d)
+    overlaps (1 - |d|/n for w = 1); the others wrap around to unrelated particles, whose mean contribution is zero.
+    Without the division all peaks are biased toward zero, by 0.07 voxel for windows of 32^3. The division also raises
+    chance peaks at large d. So the highest peak is searched without it, and its position fitted with it
+    (``find_peaks``).
 
-    w is one inside and fades as sin^2 over the outermost ``taper`` voxels: particles that the border cuts would put the
-    same edge in both windows and pull the peak toward zero, the more the wider they are. Where deformation reaches
-    beyond the volume, one of the two windows ends early; such windows are cut for both and fade from there (``cuts``).
+    w is one inside and falls to zero as sin^2 over the outermost ``taper`` voxels. Without the taper, particles cut by
+    the border put the same edge in both windows and bias the peak toward zero, the more the wider they are. Where
+    deformation reaches beyond the volume, one of the two windows ends early; w of both then ends there (``cuts``).
 
-    ``size``: window (nz, ny, nx). ``search``: largest displacement (z, y, x) looked for, voxels. ``variance``: of a
-    Gaussian that smooths both windows (voxel^2); as a factor of the cross spectrum S it costs nothing. ``whitening``:
-    S is divided by |S|^whitening. 0 is plain correlation, 1 keeps phases alone; between them (symmetric phase-only
-    filtering, Wernet 2005) particle images blurred in depth make narrow peaks, which chance overlaps move less.
+    ``size``: window (nz, ny, nx). ``search``: largest displacement (z, y, x) that is searched, voxels. ``variance``: of
+    a Gaussian that smooths both windows (voxel^2), a factor of the cross spectrum S. ``whitening``: S is divided by
+    |S|^whitening. 0 is plain correlation, 1 keeps the phase alone; between them (symmetric phase-only filtering, Wernet
+    2005) particle images that are long in depth give narrow peaks, which chance overlaps shift less.
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class WindowCorrelator:
         taper: float = 0.0,
     ) -> None:
         self.size, self.whitening, self.taper = size, whitening, taper
-        self.around = tuple(fast_length(n) for n in size)  # what the sums wrap around: the window, or a little more
+        self.around = tuple(fast_length(n) for n in size)  # period of the circular sums: the window, or a little more
         self._plans = tuple(lines(n) for n in self.around)
         self._high, self._wide = (rounded_up(n) for n in self.around[1:])
         waves = [2 * np.pi * np.fft.fftfreq(n) for n in self.around]
@@ -75,13 +76,13 @@ class WindowCorrelator:
         a: WindowBatch,
         b: WindowBatch,
         cuts: NDArray[np.float64] | None = None,
-        trust: NDArray[np.float32] | None = None,
+        agreement: NDArray[np.float32] | None = None,
     ) -> Spectra:
         """Transforms of the windows ``a``, ``b``.
 
         ``cuts`` (batch, 3, 2): voxels by which each window is shorter at the low and the high end along z, y, x.
-        ``trust`` (batch, nz, ny, nx): a further factor of w. C does not count it, as it goes with the particles, not
-        with the window.
+        ``agreement`` (batch, nz, ny, nx): a further factor of w (``displacement.agreement``). It moves with the
+        particles, not with the window, so C leaves it out.
         """
         each = [self._whole]
         if cuts is not None and cuts.any():
@@ -92,8 +93,8 @@ class WindowCorrelator:
             np.empty((count, 2 * self.around[0] * self.around[2] * self._high), np.float32),
             np.empty(count, bool),
         )
-        room = self._plans, self._wide, self._high
-        transform_windows(a, b, z, y, x, EVERYWHERE if trust is None else trust, *room, pairs, lit)
+        plans = self._plans, self._wide, self._high
+        transform_windows(a, b, z, y, x, ONES if agreement is None else agreement, *plans, pairs, lit)
         return Spectra(pairs, gain, lit)
 
     def correlation(self, spectra: Spectra) -> NDArray[np.float32]:

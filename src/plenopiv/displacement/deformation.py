@@ -191,7 +191,7 @@ def _sample_rows(
     out: NDArray[np.float32],
     room: tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]],
 ) -> None:
-    """See ``_sample``; ``room`` to work in."""
+    """See ``_sample``; ``room`` are work arrays."""
     source, marks, along_x, weights_y, out = borrowed((source, marks, along_x, weights_y, out))
     d, whole, sixteen = borrowed(room)
     depth, ny, nx = source.shape

@@ -14,11 +14,13 @@ class DisplacementField:
 
     ``z``, ``y``, ``x``: window centres as voxel indices (the centre of voxel k is k), float64, ascending.
     ``displacement``: (3, nz, ny, nx) float64, components dx, dy, dz, after validation and replacement; finite.
-    ``raw``: the same as the last pass measured it, before any replacement; 0 where a window held no light. With windows
-    within windows that of a replaced window alone: the mean of what was measured in it, outliers among them.
-    ``valid``: (nz, ny, nx), True = measured, or more than half of its inside is; False = replaced from neighbours.
+    ``raw``: the displacement of the last pass before replacement, same shape; 0 where a window held no light. With
+    sub-windows it differs from ``displacement`` in replaced windows only: there it is the mean of the sub-windows' raw
+    vectors, outliers included.
+    ``valid``: (nz, ny, nx), True = measured, False = replaced from neighbours. With sub-windows: True where more than
+    half of the window's mean comes from measured sub-windows.
     ``peak_ratio``: (nz, ny, nx) float32, highest correlation peak over the second highest; 0 without a peak.
-    With windows within windows the inverse of the mean inverse in the window.
+    With sub-windows the inverse of the mean inverse over the window.
     ``std``: (3, nz, ny, nx) float64, standard deviation of ``displacement`` (dx, dy, dz) in voxels, finite; see
     ``displacement.uncertainty`` for what it covers.
     """

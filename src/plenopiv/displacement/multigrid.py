@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from plenopiv.displacement.agreement import agreement
 from plenopiv.displacement.deformation import SPLINE_VARIANCE, DeformedPlanes
 from plenopiv.displacement.field import DisplacementField
-from plenopiv.displacement.offset import at_offset
+from plenopiv.displacement.offset import discrete_offset
 from plenopiv.displacement.peaks import find_peaks
 from plenopiv.displacement.predictor import SplineField, fit_spline, smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
-from plenopiv.displacement.sub_windows import averaged
+from plenopiv.displacement.sub_windows import average_sub_windows
 from plenopiv.displacement.uncertainty import ScatterCorrelator, standard_deviation
-from plenopiv.displacement.validation import find_outliers, replaced
+from plenopiv.displacement.validation import find_outliers, replace_invalid
 from plenopiv.displacement.windows import WindowBatch, WindowGrid, window_grid
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.volume import Volume
@@ -59,9 +59,9 @@ def correlation_pass(
 
     ``predictor``: displacement by which the volumes are deformed first; the result is its value at the window centres
     plus what the correlation finds. None: volumes as they are. ``settings``: smoothing, taper, whitening and
-    agreement. ``search``: largest displacement to find, as a share of the window. ``scatter``: whether to find the
-    variance as well, at about twice the cost. One layer of windows, and what the next one adds to it, is in memory at a
-    time; results do not depend on the number of threads (Numba's, ``NUMBA_NUM_THREADS``).
+    agreement. ``search``: largest displacement to find, as a fraction of the window. ``scatter``: whether to estimate
+    the variance as well, at about twice the cost. One layer of windows, and what the next one adds to it, is in memory
+    at a time; results do not depend on the number of threads (Numba's, ``NUMBA_NUM_THREADS``).
     """
     size = windows.size
     radius = tuple(max(1, min(round(search * n), n // 2 - 2)) for n in size)
@@ -89,11 +89,11 @@ def correlation_pass(
                 if cuts is None:
                     spectra = correlator.spectra(first, second)
                 else:
-                    trust = None
+                    weights = None
                     if power:
                         held = ([p[:, j : j + size[1], i : i + size[2]] for j, i in corners[part]] for p in (pa, pb))
-                        trust = agreement(*map(np.stack, held)) ** np.float32(power)
-                    spectra = correlator.spectra(first, second, cuts[layer, part], trust)
+                        weights = agreement(*map(np.stack, held)) ** np.float32(power)
+                    spectra = correlator.spectra(first, second, cuts[layer, part], weights)
                 correlation = correlator.correlation(spectra)
                 place, untilt = np.empty((len(spectra.lit), 3), np.int64), np.empty((len(spectra.lit), 3, 3))
                 into = moved[layer, part], ratio[layer, part], found[layer, part]
@@ -122,11 +122,14 @@ def first_pass(
     step_done: Callable[[int, int], None] | None = None,
     scatter: bool = False,
 ) -> PassResult:
-    """Correlate all windows of two volumes as they are, validate, and find each vector again between windows offset by
-    its whole voxels. Arguments as for ``correlation_pass``; peak ratio and variance are those of the first look."""
+    """Correlate all windows of two volumes as they are, validate, and measure each vector again by discrete window
+    offset (``discrete_offset``).
+
+    Arguments as for ``correlation_pass``; peak ratio and variance are those before the offset.
+    """
     result = correlation_pass(a, b, windows, None, settings, settings.search, step_done, scatter)
     valid, displacement = _validated(result, settings)
-    again, found = at_offset(a, b, windows, displacement)
+    again, found = discrete_offset(a, b, windows, displacement)
     # what is not found again stays as the transforms had it; a vector that was not valid has no second peak
     displacement = np.where(found | valid, again, result.displacement)
     ratio = np.where(found & ~valid, np.float32(0.0), result.peak_ratio)
@@ -164,8 +167,8 @@ def compressed(volume: Volume, exponent: float) -> Volume:
 def _layers(
     source: Volume | DeformedPlanes, windows: WindowGrid, ahead: ThreadPoolExecutor
 ) -> Iterator[NDArray[np.float32]]:
-    """The planes of each layer of windows in turn; planes that two layers share are made once, and ``ahead``, which
-    has one thread, makes what the next layer has alone while one is looked at."""
+    """The planes of each layer of windows in turn. Planes that two layers share are made once; ``ahead``, which has one
+    thread, makes the other planes of the next layer while one is correlated."""
     depth, step = windows.size[0], windows.step[0]
     starts = windows.starts[0].tolist()
     first, kept = source.slab(starts[0], starts[0] + min(step, depth)), max(depth - step, 0)
@@ -186,7 +189,7 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
     """Displacement field from volume ``a`` to volume ``b``, in voxels.
 
     Passes run from the coarsest windows to the finest (Scarano & Riethmuller 2000; in 3D Elsinga et al. 2006); vectors
-    are validated after each, and those of the first found again with windows offset by their whole voxels.
+    are validated after each, and those of the first measured again by discrete window offset.
     ``progress``: called as (what, done, total). Warns when particles move more than a quarter of the first window;
     raises ``PlenoPIVError`` when the volumes differ in grid, windows do not fit, or nothing is found.
     """
@@ -215,11 +218,11 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
             predictor = fit_spline(smooth, windows.centres, shape)
     _warn_if_far(displacement, valid, settings)
     assert result.variance is not None
-    whole = None if settings.inner is None else window_grid(shape, settings.windows[-1], settings.overlap)
+    whole = None if settings.sub_window is None else window_grid(shape, settings.windows[-1], settings.overlap)
     std = standard_deviation(displacement, valid, result.variance, plan[-1], settings, whole)
     found = displacement, result.displacement, valid, result.peak_ratio
     if whole is not None:
-        found = averaged(*found, plan[-1], whole)
+        found = average_sub_windows(*found, plan[-1], whole)
     z, y, x = (whole or plan[-1]).centres
     return DisplacementField(z, y, x, *found, std)
 
@@ -228,11 +231,11 @@ def _validated(result: PassResult, settings: CorrelationSettings) -> tuple[NDArr
     """Which vectors are valid, and the displacement with the others replaced."""
     threshold, floor = settings.outlier_threshold, settings.outlier_floor_voxels
     valid = result.found & ~find_outliers(result.displacement, result.found, threshold, floor)
-    return valid, replaced(result.displacement, valid)
+    return valid, replace_invalid(result.displacement, valid)
 
 
 def _warn_if_far(displacement: NDArray, valid: NDArray, settings: CorrelationSettings) -> None:
-    """A window that loses more than a quarter of its particles finds wrong peaks (Keane & Adrian 1992)."""
+    """Warn of displacements above a quarter of the first window (Keane & Adrian 1992): peaks may then be wrong."""
     for component, name, n in zip(displacement, "xyz", settings.windows[0], strict=True):
         largest = float(np.abs(component[valid]).max())
         if largest > n / 4:

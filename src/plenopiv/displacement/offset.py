@@ -1,14 +1,14 @@
-"""Windows offset by whole voxels: a first displacement made better without deformation.
+"""Discrete window offset: the displacements of the first pass refined without deformation.
 
-Once a displacement is known to the voxel, both windows can be cut where the same particles are (discrete window offset,
-Westerweel, Dabiri & Gharib 1997, Exp. Fluids 23 20). Only the correlations there and one voxel further along each axis
-are then needed, and summed directly they cost a fraction of the transforms. Each is normalised by the light of the
-second window,
+Once a displacement is known to the voxel, the two windows are cut where the same particles are (Westerweel, Dabiri &
+Gharib 1997, Exp. Fluids 23 20). Then only the correlation at zero residual displacement and one voxel away along each
+axis is needed. Summed directly, that costs a fraction of the transforms. Each value is normalised by the spread of
+the second window,
 
     C(d) = sum_x (a(x) - <a>) b(x + d) / sqrt(sum_x (b(x + d) - <b>)^2),
 
-which by Cauchy and Schwarz is highest where b is a moved: the particles that the windows' ends cut, which pull a plain
-sum toward zero, do no harm.
+which by the Cauchy-Schwarz inequality is highest where b is a shifted. Particles cut by the windows' ends, which bias a
+plain sum toward zero, cause no bias here.
 """
 
 from __future__ import annotations
@@ -25,17 +25,19 @@ from plenopiv.displacement.windows import WindowGrid
 from plenopiv.kernels import inlined, kernel, part
 from plenopiv.volume import Volume
 
-MOVES = 3  # steps of a voxel that the highest correlation may be away from where it was first looked for
+MOVES = 3  # steps of a voxel that the highest correlation may be away from the first estimate
 
 
-def at_offset(
+def discrete_offset(
     a: Volume, b: Volume, windows: WindowGrid, first: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Displacements (3, nz, ny, nx) of the windows of ``a`` to those of ``b``, in voxels, found anew between windows
-    offset by the whole voxels of ``first``; and where (nz, ny, nx) one was found. Elsewhere, where a window with a
-    voxel around it does not fit into the volume (none does where it fills an axis) or none of those is a maximum, they
-    stay as they are. At the volume's faces both windows move inward, by an eighth of their size at most, and the vector
-    is that of the place where they then are."""
+    """Displacements (3, nz, ny, nx) from ``a`` to ``b`` in voxels, measured between windows offset by the whole voxels
+    of ``first`` (same shape), and where (nz, ny, nx) one was found.
+
+    ``first`` is kept where no maximum is found within MOVES voxels, and where a window with a margin of one voxel does
+    not fit into the volume (never, if windows fill an axis). At the volume's faces both windows are shifted inward by
+    up to an eighth of their size; the vector is then that of the shifted place.
+    """
     nz, ny, nx = windows.shape
     out = np.moveaxis(first, 0, -1).reshape(nz, ny * nx, 3).copy()
     found = np.zeros((nz, ny * nx), bool)

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from plenopiv.kernels import kernel, part
 
 LEAST = 0.02  # determinant of a peak's curvatures over the product of those along the axes
-FARTHEST = 1.0  # voxels of a top from the highest voxel along any axis: on a slanted ridge more than half a voxel
+FARTHEST = 1.0  # voxels from the highest voxel to the maximum along an axis; slanted peaks reach more than half a voxel
 Z, Y, X = np.int64(0), np.int64(1), np.int64(2)  # as arguments: a plain number is a type of its own
 PEAK_RADIUS = 3  # voxels: a second peak this close on every axis is the flank of the first
 
 
 @part
 def gaussian_offset(left: float, centre: float, right: float) -> float:
-    """Where a Gaussian through three neighbours has its top, relative to the middle one (voxels).
+    """Position of the maximum of a Gaussian through three neighbours, relative to the middle one (voxels).
 
     Willert & Gharib (1991). A parabola takes over when a neighbour is not positive and a logarithm would not exist;
     values are limited to +-0.5, which only a plateau or a slope can exceed.
@@ -32,7 +32,8 @@ def gaussian_offset(left: float, centre: float, right: float) -> float:
 
 @part
 def curvature(left: float, centre: float, right: float) -> float:
-    """Minus the second derivative at the middle one of three neighbours, as ``gaussian_offset`` sees it."""
+    """Minus the second derivative of the peak (of its logarithm, as in ``gaussian_offset``) at the middle of three
+    neighbours."""
     if left > 0.0 and centre > 0.0 and right > 0.0:
         left, centre, right = log(left), log(centre), log(right)
     return 2.0 * centre - left - right
@@ -58,11 +59,14 @@ def twist(r: NDArray[np.float32], z: int, y: int, x: int, one: int, other: int) 
 
 @part
 def untilted(r: NDArray[np.float32], z: int, y: int, x: int, matrix: NDArray[np.float64]) -> None:
-    """The matrix (3, 3), x y z, that takes the offsets of the three sections through a voxel to the offset of the top.
+    """Write the ``matrix`` (3, 3), x y z, that takes the peak offsets along the three axes to the offset of the
+    maximum.
 
-    Sections of a Gaussian whose axes are not the grid's have their tops at D^-1 H d, H its curvatures and D their
-    diagonal: off the camera's axis particles are drawn out along slanted lines of sight. Where noise leaves H hardly
-    positive definite, what is off its diagonal is lessened until the determinant of D^-1 H is LEAST.
+    Off the camera's axis, particles are elongated along slanted lines of sight, so peaks are Gaussians whose principal
+    axes are not the grid's. With H the matrix of curvatures (minus second derivatives of log r), D its diagonal and d
+    the offset of the maximum, sections along the grid's axes have their maxima at D^-1 H d. The matrix is the inverse,
+    H^-1 D. Where noise leaves H hardly positive definite, its off-diagonal terms are reduced until the determinant of
+    D^-1 H is LEAST.
     """
     a = curvature(r[z, y, x - 1], r[z, y, x], r[z, y, x + 1])
     b = curvature(r[z, y - 1, x], r[z, y, x], r[z, y + 1, x])
@@ -96,10 +100,10 @@ def find_peaks(
     place: NDArray[np.int64],
     untilt: NDArray[np.float64],
 ) -> None:
-    """Peaks of a batch of correlations: looked for as they are, placed after multiplication by ``gain``.
+    """Peaks of a batch of correlations: searched without ``gain``, their positions fitted with it.
 
-    The gain makes up for the overlap of the windows, without which peaks are pulled toward zero. It grows outward and
-    raises chance peaks there, so which peak is highest is asked without it.
+    The gain corrects for the overlap of the windows, without which peaks are biased toward zero. It grows outward and
+    raises chance peaks there, so the highest peak is searched without it.
     ``correlation``: (batch, 2 rz + 3, 2 ry + 3, 2 rx + 3), the search radius and one voxel more on each side; zero
     displacement in the middle. ``gain``: the same shape, or one for all (1, ...). Writes ``displacement`` (batch, 3) as
     dx, dy, dz in voxels, ``peak_ratio`` (batch,), highest over second highest correlation, and ``found`` (batch,):
@@ -155,7 +159,8 @@ def find_peaks(
 
 @part
 def _nearest_top(c: NDArray[np.float32], g: NDArray[np.float32], pz: int, py: int, px: int) -> tuple[int, int, int]:
-    """The maximum of c g uphill from a voxel, within the search radius: where the gain moves a top to a neighbour."""
+    """The local maximum of c g that is reached uphill from a voxel, within the search radius. The gain may move the
+    maximum to a neighbouring voxel."""
     while True:
         best, tz, ty, tx = c[pz, py, px] * g[pz, py, px], pz, py, px
         for axis in range(3):

@@ -1,4 +1,4 @@
-"""The displacement between window centres: cubic spline through the vectors, straight on beyond the outermost ones."""
+"""The displacement between window centres: cubic spline through the vectors, linear beyond the outermost ones."""
 
 from __future__ import annotations
 
@@ -93,10 +93,10 @@ def _padded(values: NDArray, axis: int, pad: int) -> NDArray:
 
 
 def smooth_predictor(displacement: NDArray[np.float64], overlap: float) -> NDArray[np.float64]:
-    """Remove from ``displacement`` (3, nz, ny, nx) what windows cannot see: waves of about one window and shorter.
+    """``displacement`` (3, nz, ny, nx) without waves of about one window and shorter, which windows do not resolve.
 
-    Iterated deformation adds the same noise in every pass at those wavelengths; a filter between passes keeps it
-    bounded (Schrijer & Scarano 2008). Along each axis 1 - sin^4(k s/2), Shapiro's (1970) second order, at strides s of
+    Iterated deformation adds noise at those wavelengths in every pass; a filter between passes keeps it bounded
+    (Schrijer & Scarano 2008). Along each axis 1 - sin^4(k s/2), Shapiro's (1970) second order, at strides s of
     one vector, two, four, ... up to half a window. Linear fields pass unchanged, waves of three windows at 94 % for
     50 % ``overlap``.
     """

@@ -11,11 +11,11 @@ Size = tuple[int, int, int]
 
 
 SMALLEST = 8  # voxels of a window along an axis
-INNER = 0.75  # of the last window, of the one within it
+SUB_WINDOW = 0.75  # default side of a sub-window, as a fraction of the last window's
 
 
 class Pass(NamedTuple):
-    """One look at both volumes: its windows' sides along x, y, z in voxels, and their overlap."""
+    """One correlation pass: sides of its windows along x, y, z in voxels, and their overlap."""
 
     window: Size
     overlap: float
@@ -25,27 +25,27 @@ class Pass(NamedTuple):
 class CorrelationSettings:
     """Multi-grid cross-correlation with window deformation; lengths in voxels, sizes along x, y, z.
 
-    ``windows``: interrogation windows, coarse to fine. ``overlap``: share of a window that the next one covers again.
-    ``inner_window``: windows, smaller than the last of ``windows``, that find what moves within it; its vector is then
-    the mean of theirs over it (``displacement.averaging``). ``inner_overlap``: theirs. None: INNER of the last of
-    ``windows``, 8 voxels at least; as large as that: it finds its vectors itself.
+    ``windows``: interrogation windows, coarse to fine. ``overlap``: of neighbouring windows, as a fraction of a window.
+    ``inner_window``: sub-windows, smaller than the last of ``windows``; a vector of that window is the mean of the
+    sub-windows' vectors over it (``displacement.sub_windows``). ``inner_overlap``: their overlap. None: 0.75 of the
+    last of ``windows``, 8 voxels at least. As large as the last of ``windows``: no sub-windows.
     ``coarse_passes``, ``fine_passes``: passes with each coarse window size and with the finest one. All but the very
     first pass deform the volumes by the displacement known so far.
     ``smoothing_voxels``: sigma of the Gaussian that both volumes see before correlation; blobs of one or two voxels
-    lock peaks to whole voxels without it. Deformed volumes never see less than 0.58, the sigma of the spline.
-    ``taper_voxels``: windows fade over so many of their outermost voxels; particles cut by the border pull toward zero.
+    lock peaks to whole voxels without it. In deformed volumes it is at least 0.58, the sigma of the spline.
+    ``taper_voxels``: width of the windows' taper; particles cut by the border bias the peak toward zero.
     ``intensity_exponent``: intensities are raised to this power first. Correlation weighs a particle by the square of
-    its brightness; 0.5 lets many moderate particles count instead of a few bright ones.
+    its brightness; with 0.5 many moderate particles count instead of a few bright ones.
     ``whitening``: exponent of symmetric phase-only filtering (Wernet 2005): 0 = plain correlation, 1 = phases alone.
-    ``agreement``: in deformed volumes each place counts by how far both show the same light there, to this power, so
-    that ghosts and lost particles count less (``displacement.agreement``). 0 lets all count alike; more is for flows
-    that change little across a window, as it holds on to the displacement of the pass before.
-    ``search``: largest displacement that a pass may find, as a share of the window along each axis; the finest
-    windows look for what remains within ``residual_search``.
+    ``agreement``: exponent of the weight that each place of the deformed volumes has by how far both show the same
+    particles there, so that ghosts and lost particles count less (``displacement.agreement``). 0: all weights are one.
+    Above 0 it favours the displacement of the pass before, so it suits flows that change little across a window.
+    ``search``: largest displacement that a pass can find, as a fraction of the window along each axis;
+    ``residual_search``: the same for the passes with the finest windows.
     ``outlier_threshold``, ``outlier_floor_voxels``: normalised median test, Westerweel & Scarano (2005): a vector is
     an outlier when it differs from the median of its neighbours by more than threshold x (median residual + floor).
-    ``filter_predictor``: whether the displacement that deforms the volumes passes a filter that removes what alternates
-    from window to window (the last pass is never filtered).
+    ``filter_predictor``: whether the displacement that deforms the volumes is low-pass filtered first
+    (``predictor.smooth_predictor``). The result of the last pass is never filtered.
 
     Raises ``PlenoPIVError`` for values out of range.
     """
@@ -68,18 +68,18 @@ class CorrelationSettings:
     filter_predictor: bool = True
 
     @property
-    def inner(self) -> Size | None:
-        """The inner window; None where the last of ``windows`` find the vectors themselves."""
+    def sub_window(self) -> Size | None:
+        """Sides of the sub-windows along x, y, z in voxels; None without sub-window averaging."""
         last = self.windows[-1]
-        inner = self.inner_window or tuple(max(SMALLEST, round(INNER * n)) for n in last)
-        return None if inner == last else inner  # type: ignore[return-value]
+        size = self.inner_window or tuple(max(SMALLEST, round(SUB_WINDOW * n)) for n in last)
+        return None if size == last else size  # type: ignore[return-value]
 
     @property
     def passes(self) -> list[Pass]:
         """All passes in turn."""
         sizes = [Pass(window, self.overlap) for window in self.windows]
-        if self.inner is not None:
-            sizes.append(Pass(self.inner, self.inner_overlap))
+        if self.sub_window is not None:
+            sizes.append(Pass(self.sub_window, self.inner_overlap))
         coarse = [size for size in sizes[:-1] for _ in range(self.coarse_passes)]
         return [*coarse, *[sizes[-1]] * self.fine_passes]
 
@@ -101,7 +101,7 @@ class CorrelationSettings:
             if any(n > c for n, c in zip(self.inner_window, self.windows[-1], strict=True)):
                 raise PlenoPIVError(
                     f"correlation.inner_window: {list(self.inner_window)} is larger than the last of "
-                    f"correlation.windows, {list(self.windows[-1])}; it finds what moves within that"
+                    f"correlation.windows, {list(self.windows[-1])}; sub-windows lie within that"
                 )
         ranges = {
             "overlap": (0.0, 0.9),

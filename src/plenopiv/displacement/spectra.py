@@ -1,4 +1,4 @@
-"""CPU kernels between windows and their correlation: weigh, transform, whiten, and back (``correlation``)."""
+"""Kernels between windows and their correlation: weight, transform, whiten, transform back (``correlation``)."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ def weigh(
     z: NDArray[np.float32],
     y: NDArray[np.float32],
     x: NDArray[np.float32],
-    trust: NDArray[np.float32],
+    agreement: NDArray[np.float32],
     space: NDArray[np.float32],
     to: int,
     plane: int,
     wide: int,
 ) -> bool:
-    """(window - mean) w of window n into ``space`` from ``to`` on, in planes of ``plane`` and rows of ``wide`` floats;
-    whether it holds more than one value."""
-    nx, everywhere = x.size, trust.size == 1
+    """Write (window - mean) w of window n to ``space`` from ``to`` on, in planes of ``plane`` and rows of ``wide``
+    floats. Returns whether the window holds more than one value."""
+    nx, everywhere = x.size, agreement.size == 1
     light = weight = 0.0
     first, others = windows.values[windows.begin[n]], 0
     for k in range(z.size):
@@ -39,8 +39,8 @@ def weigh(
                     w += x[i]
             else:
                 for i in range(nx):
-                    s += x[i] * trust[k, j, i] * line[i]
-                    w += x[i] * trust[k, j, i]
+                    s += x[i] * agreement[k, j, i] * line[i]
+                    w += x[i] * agreement[k, j, i]
             for i in range(nx):
                 others += line[i] != first
             light += z[k] * y[j] * s
@@ -55,7 +55,7 @@ def weigh(
                     out[i] = (line[i] - mean) * w * x[i]
             else:
                 for i in range(nx):
-                    out[i] = (line[i] - mean) * w * x[i] * trust[k, j, i]
+                    out[i] = (line[i] - mean) * w * x[i] * agreement[k, j, i]
     return others > 0
 
 
@@ -66,24 +66,25 @@ def transform_windows(
     z: NDArray[np.float32],
     y: NDArray[np.float32],
     x: NDArray[np.float32],
-    trust: NDArray[np.float32],
+    agreement: NDArray[np.float32],
     plans: tuple[Lines, Lines, Lines],
     wide: int,
     high: int,
     pairs: NDArray[np.float32],
     lit: NDArray[np.bool_],
 ) -> None:
-    """Spectra of a + i b, both windows weighted by ``z``, ``y``, ``x`` (batch or 1, n) and ``trust``."""
+    """Spectra of a + i b, both windows weighted by ``z``, ``y``, ``x`` (batch or 1, n) and
+    ``agreement`` (batch, nz, ny, nx), or one 1 for all."""
     plane = high * wide
     whole, columns = plans[0].points * plane, max(wide, max(plans[0].points, plans[1].points))
     space, rows = np.zeros(2 * whole, np.float32), np.zeros(2 * plane, np.float32)
     work = np.zeros(3 * POINT * columns, np.float32)
     for n in range(a.begin.size):
-        own, marked = min(n, z.shape[0] - 1), min(n, trust.shape[0] - 1)
+        own, marked = min(n, z.shape[0] - 1), min(n, agreement.shape[0] - 1)
         if n > 0 and plans[0].points * plans[1].points * wide > z.shape[1] * y.shape[1] * x.shape[1]:
             space[:] = np.float32(0)
-        one = weigh(a, n, z[own], y[own], x[own], trust[marked], space, np.int64(0), plane, wide)
-        two = weigh(b, n, z[own], y[own], x[own], trust[marked], space, whole, plane, wide)
+        one = weigh(a, n, z[own], y[own], x[own], agreement[marked], space, np.int64(0), plane, wide)
+        two = weigh(b, n, z[own], y[own], x[own], agreement[marked], space, whole, plane, wide)
         lit[n] = one and two
         forward(plans, wide, high, space, rows, pairs[n], work)
 

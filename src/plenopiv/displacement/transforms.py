@@ -141,7 +141,7 @@ def forward(
     work: NDArray[np.float32],
 ) -> None:
     """The spectrum of a window, flat as ``space`` is, which is overwritten. ``wide``, ``high``: nx', ny'. ``rows`` (two
-    planes) and ``work`` are room to work in."""
+    planes) and ``work`` are work arrays."""
     along_z, along_y, along_x = plans
     nz, nx, plane = along_z.points, along_x.points, high * wide
     whole, flat = nz * plane, nz * nx * high
@@ -232,8 +232,8 @@ def inverse_near_zero(
     nx ny nz.
 
     ``half``: that spectrum's planes kz = 0 to nz // 2, the others being their conjugates. ``turns`` (2 rz + 3, kz, 2):
-    cos and -sin of 2 pi kz dz / nz, times 2 for the planes that stand for two. ``near``: room for (2, kz, 2 ry + 3,
-    wide), wide = 2 rx + 3 rounded up. ``out``: (2 rz + 3, 2 ry + 3, 2 rx + 3)."""
+    cos and -sin of 2 pi kz dz / nz, times 2 for the planes that stand for two. ``near``: work array for (2, kz, 2 ry +
+    3, wide), wide = 2 rx + 3 rounded up. ``out``: (2 rz + 3, 2 ry + 3, 2 rx + 3)."""
     along_z, along_y, along_x = plans
     _, ry, rx = radius
     depth, height, width = out.shape

@@ -1,25 +1,27 @@
-"""Standard deviation of every vector, from the scatter of its own particles and from what its neighbours show.
+"""Standard deviation of every vector, from the scatter of its own particles and from the neighbouring vectors.
 
-Three parts; only the third's threshold, and its share under inner windows, were chosen by coverage, which
-docs/uncertainty.md has as measured:
+It has three parts. Only the threshold of the third, and its factor with sub-windows, were chosen by coverage; coverage
+as measured is in docs/uncertainty.md.
 
 1. *Scatter.* The sum that makes a correlation peak is split into the contributions of blocks of the window. Each
    block is left out in turn and the peak fitted anew; the delete-one jackknife (Efron & Stein 1981) of those
    displacements is the variance s^2 of one correlation. It holds whatever makes particles disagree: noise, ghosts,
    particles seen once, gradients that deformation has left. Wieneke (2015, Meas. Sci. Technol. 26 074002) takes the
    same contributions a(x) b(x + 1) - a(x + 1) b(x) with a model of their covariance instead.
-2. *Iteration.* Each pass deforms by the vectors of the last one, noise included, and can correct only what a window
-   sees: short waves of noise grow. ``growth`` computes the factor K of the variance (1.63 for three passes).
-3. *Curvature.* The mean of the flow over a window differs from its value at the centre by q = sum_i n_i^2/24 d''_i,
-   which second differences of the field itself estimate. Noise alone gives q a variance of c K s^2; where q exceeds
-   twice its standard deviation, it is taken for flow that windows of this size do not resolve.
+2. *Iteration.* Each pass deforms by the vectors of the last one, noise included, and corrects only what a window
+   resolves, so noise at short wavelengths is amplified. ``noise_amplification`` computes the factor K of the variance
+   (1.63 for three passes).
+3. *Averaging bias.* Where the flow is curved, its mean over a window differs from the value at the centre by
+   q = sum_i n_i^2/24 d''_i, estimated from second differences of the field (``averaging_bias``). Noise alone gives q a
+   variance of c K s^2; where q exceeds twice that standard deviation, it counts as flow that the windows do not
+   resolve.
 
     std^2 = K s^2 + (q^2 where q^2 > 4 c K s^2)
 
-Where vectors are means of inner windows' (``averaging``), so are their variances: noise falls to the share that the
-mean leaves of it (``growth.Growth.left``), and of the mean q^2 a quarter is left, also by coverage.
+With sub-window averaging (``sub_windows``) the noise is that of the mean (``NoiseAmplification.variance_of_mean``), and
+a quarter of the mean q^2 is added, also chosen by coverage.
 
-What both frames get wrong alike (light without depth near focus, calibration) no part can see.
+Errors common to both frames (light without depth near focus, calibration) are not included.
 """
 
 from __future__ import annotations
@@ -29,11 +31,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from plenopiv.displacement.correlation import Spectra, WindowCorrelator
-from plenopiv.displacement.noise_amplification import bend_of, growth, strides
+from plenopiv.displacement.noise_amplification import bias_factor, noise_amplification, strides
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.spectra import as_correlated
-from plenopiv.displacement.sub_windows import mean_over, mean_weights, measured_inside
+from plenopiv.displacement.sub_windows import mean_over, mean_weights, mostly_measured
 from plenopiv.displacement.windows import WindowGrid
 from plenopiv.kernels import kernel, part
 
@@ -41,12 +43,12 @@ _BLOCKS = 4  # along each axis
 _THINNEST = (12, 4, 4)  # along z, y, x, voxels: longer than a particle; fewer blocks where they would be thinner
 _NEIGHBOURS = 26  # vectors whose variance a replaced one takes; as many as its value is fitted to
 _MEAN_SQUARE_STEPS = 26 / (6 + 12 / 2 + 8 / 3)  # <r^2> of the 26 neighbours weighted by r^-2, in steps^2
-_BENT = 0.25  # of inner windows' mean q^2, in the variance of their mean
-_SIGNIFICANT = 2.0  # standard deviations of its noise from which a curvature is taken for real
+_BIAS_OF_MEAN = 0.25  # of the sub-windows' mean q^2, in the variance of their mean
+_SIGNIFICANT = 2.0  # standard deviations of its noise above which q counts as averaging bias
 
 
 class ScatterCorrelator(WindowCorrelator):
-    """A correlator that also tells how far the particles of a window agree about its peak."""
+    """A correlator that also estimates the variance of peak positions from the scatter of a window's particles."""
 
     def variance(self, spectra: Spectra, place: NDArray[np.int64], untilt: NDArray[np.float64]) -> NDArray[np.float64]:
         """Jackknife variance (batch, 3), voxel^2, along x, y, z, of the peaks of a batch. ``place``, ``untilt``: as
@@ -64,10 +66,10 @@ class ScatterCorrelator(WindowCorrelator):
         return out
 
     def filtered(self, spectra: Spectra) -> NDArray[np.float32]:
-        """Both windows as the correlation sees them, (batch, 2, nz, ny, nx): R(d) is their plain circular sum of
-        products. ny and nx are rounded up to whole vectors.
+        """Both windows after whitening and smoothing, (batch, 2, nz, ny, nx), so that R(d) is their plain circular sum
+        of products. ny and nx are rounded up to whole vectors.
 
-        Each takes the square root of the factor that whitening and smoothing put on the cross spectrum.
+        Each is multiplied by the square root of the factor that whitening and smoothing put on the cross spectrum.
         """
         out = np.empty((len(spectra.pairs), 2, self.around[0], self._high, self._wide), np.float32)
         about = self._plans, self._wide, self._high, self._filters, np.float32(self.whitening)
@@ -157,7 +159,7 @@ def jackknife_variance(sums: NDArray[np.float64], untilt: NDArray[np.float64], v
             variance[w, axis] = (blocks - 1) / blocks * (square - blocks * mean * mean)
 
 
-def curvature(displacement: NDArray[np.float64], windows: WindowGrid) -> NDArray[np.float64]:
+def averaging_bias(displacement: NDArray[np.float64], windows: WindowGrid) -> NDArray[np.float64]:
     """q (3, nz, ny, nx) in voxels: mean of ``displacement`` over a window less its value at the centre.
 
     To second order, from second differences over about half a window along each axis; the outermost vectors take that
@@ -169,7 +171,7 @@ def curvature(displacement: NDArray[np.float64], windows: WindowGrid) -> NDArray
         if stride:
             at = np.clip(np.arange(n), stride, n - 1 - stride)
             before, here, after = (np.take(displacement, at + s, axis) for s in (-stride, 0, stride))
-            out += (before - 2 * here + after) * bend_of(size, step, stride)
+            out += (before - 2 * here + after) * bias_factor(size, step, stride)
     return out
 
 
@@ -185,25 +187,26 @@ def standard_deviation(
     ``whole``: of its mean over those windows, one for each of them.
 
     ``variance``: of one correlation, from ``ScatterCorrelator``. A replaced vector (``valid`` False) has no particles
-    of its own to ask. It takes the means of the 26 nearest valid ones, whose linear fit its value is, with q enlarged:
+    of its own. Its variance is the mean of the 26 nearest valid ones, whose linear fit its value is, with q enlarged:
     with neighbours all around, a fit weighted by r^-2 is off by <r^2>/6 = 0.30 squared steps of d''_x + d''_y + d''_z.
     """
-    grown = growth(windows, settings)
-    noise = grown.gain * variance
-    bend = curvature(displacement, windows) ** 2
-    bend = np.where(bend > _SIGNIFICANT**2 * grown.bent * noise, bend, 0.0)
-    out = np.stack([noise, bend])
+    amplification = noise_amplification(windows, settings)
+    noise = amplification.gain * variance
+    bias = averaging_bias(displacement, windows) ** 2
+    bias = np.where(bias > _SIGNIFICANT**2 * amplification.bias_share * noise, bias, 0.0)
+    out = np.stack([noise, bias])
     if not valid.all():
         known, missing = np.argwhere(valid), np.argwhere(~valid)
         near = [*range(1, min(_NEIGHBOURS, len(known)) + 1)]
         _, index = cKDTree(known).query(missing, k=near)
         steps = np.mean(np.square(windows.step) / np.square(windows.size))
         off = (1 + 24 * _MEAN_SQUARE_STEPS / 6 * steps) ** 2
-        out[:, :, ~valid] = np.stack([noise, off * bend])[:, :, valid][:, :, index].mean(-1)
+        out[:, :, ~valid] = np.stack([noise, off * bias])[:, :, valid][:, :, index].mean(-1)
     if whole is None:
         return np.sqrt(out.sum(0))
-    held = mean_weights(whole, windows, straight_on=False)
-    noise, bend = mean_over(out, held)
-    # what is replaced inside comes from the same few neighbours: a mean over it gains nothing
-    shared = grown.left(mean_weights(whole, windows, straight_on=True)) * noise + _BENT * bend
-    return np.sqrt(np.where(measured_inside(valid, held), shared, noise + bend))
+    constant = mean_weights(whole, windows, extrapolate=False)
+    noise, bias = mean_over(out, constant)
+    # replaced sub-windows come from the same few neighbours: a mean over them has no less noise
+    of_mean = amplification.variance_of_mean(mean_weights(whole, windows, extrapolate=True))
+    measured = of_mean * noise + _BIAS_OF_MEAN * bias
+    return np.sqrt(np.where(mostly_measured(valid, constant), measured, noise + bias))

@@ -1,4 +1,4 @@
-"""Which vectors to believe, and what to put in place of the others."""
+"""Validation: the normalised median test, and the replacement of outliers."""
 
 from __future__ import annotations
 
@@ -11,43 +11,43 @@ from scipy.spatial import cKDTree
 
 from plenopiv.errors import PlenoPIVError
 
-_ROUNDS = 3  # outliers in clusters hide one another; each round judges by those that the last one believed
-FEWEST = 4  # neighbours that can judge a vector
-_AT_A_TIME = 20_000  # vectors of a volume judged at once
+_ITERATIONS = 3  # clustered outliers mask one another: each iteration tests against the vectors that the last accepted
+FEWEST = 4  # accepted neighbours without which a vector is not tested
+_AT_A_TIME = 20_000  # vectors of a volume tested at once
 _NEIGHBOURS = 26  # vectors that a replacement is fitted to
 
 
 def normalised_median(
-    displacement: NDArray[np.float64], believed: NDArray[np.bool_], floor: float
+    displacement: NDArray[np.float64], accepted: NDArray[np.bool_], floor: float
 ) -> NDArray[np.float64]:
     """Normalised median residual of every vector, Westerweel & Scarano (2005), Eq. 2, in 3D and free of trend.
 
-    |d - median| / (median |d_i - median| + ``floor``) over the believed ones of the 26 neighbours, the largest of the
-    three components. The neighbours d_i are first carried to the vector by the median step between the eight pairs of
-    neighbours on either side of it, axis by axis. Otherwise shear would condemn the edges of the volume, where all
-    neighbours lie on one side, and curvature the crests of a flow of a few windows' wavelength.
-    ``displacement``: (3, nz, ny, nx) voxels. Returns (nz, ny, nx); inf with fewer than FEWEST neighbours to judge by:
-    three at a corner of a layer of vectors, carried to it by their own steps, agree with one another whatever they are.
-    A few layers at a time, each with its two neighbours.
+    |d - median| / (median |d_i - median| + ``floor``) over the ``accepted`` ones of the 26 neighbours d_i, the largest
+    of the three components. The trend is removed from the d_i first: axis by axis, the median difference between
+    neighbours on the two sides extrapolates them to the vector's place. Without that, shear would reject vectors at the
+    volume's faces, where all neighbours lie on one side, and curvature those at the crests of short waves.
+    ``displacement``: (3, nz, ny, nx) voxels; ``accepted``: (nz, ny, nx). Returns (nz, ny, nx); inf with fewer than
+    FEWEST accepted neighbours: extrapolated by their own differences, three neighbours agree whatever they are.
+    Computed a few layers at a time.
     """
     nz = displacement.shape[1]
     layers = max(1, _AT_A_TIME // (displacement[0, 0].size or 1))
     out = np.empty(displacement.shape[1:])
 
-    def judge(lo: int) -> None:
+    def test_layers(lo: int) -> None:
         first, last = max(lo - 1, 0), min(lo + layers + 1, nz)
-        some = _residuals(displacement[:, first:last], believed[first:last], floor)
+        some = _residuals(displacement[:, first:last], accepted[first:last], floor)
         out[lo : lo + layers] = some[lo - first : lo - first + layers]
 
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-        list(pool.map(judge, range(0, nz, layers)))
+        list(pool.map(test_layers, range(0, nz, layers)))
     return out
 
 
-def _residuals(displacement: NDArray[np.float64], believed: NDArray[np.bool_], floor: float) -> NDArray[np.float64]:
+def _residuals(displacement: NDArray[np.float64], accepted: NDArray[np.bool_], floor: float) -> NDArray[np.float64]:
     """``normalised_median`` of all layers at once, which takes 3 kB a vector."""
     _, nz, ny, nx = displacement.shape
-    padded = np.pad(np.where(believed, displacement, np.nan), ((0, 0), (1, 1), (1, 1), (1, 1)), constant_values=np.nan)
+    padded = np.pad(np.where(accepted, displacement, np.nan), ((0, 0), (1, 1), (1, 1), (1, 1)), constant_values=np.nan)
     # (3, 3, 3, component, nz, ny, nx): the neighbours at k, j, i - 1
     around = np.stack([padded[:, k : k + nz, j : j + ny, i : i + nx] for k, j, i in np.ndindex(3, 3, 3)])
     around = around.reshape(3, 3, 3, *displacement.shape)
@@ -79,24 +79,24 @@ def find_outliers(
 ) -> NDArray[np.bool_]:
     """Measured vectors (nz, ny, nx) that the normalised median test rejects.
 
-    A vector with fewer than FEWEST measured neighbours cannot be judged and is kept.
+    A vector with fewer than FEWEST measured neighbours cannot be tested and is kept.
     """
-    believed = measured
-    for _ in range(_ROUNDS):
-        residual = normalised_median(displacement, believed, floor)
+    accepted = measured
+    for _ in range(_ITERATIONS):
+        residual = normalised_median(displacement, accepted, floor)
         now = measured & ~(np.isfinite(residual) & (residual > threshold))
-        if np.array_equal(now, believed):
+        if np.array_equal(now, accepted):
             break
-        believed = now
-    return measured & ~believed
+        accepted = now
+    return measured & ~accepted
 
 
-def replaced(displacement: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """``displacement`` (3, nz, ny, nx) with invalid vectors replaced by a local linear fit.
+def replace_invalid(displacement: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """``displacement`` (3, nz, ny, nx) with vectors that are not ``valid`` (nz, ny, nx) replaced by a local linear fit.
 
     Least squares over the 26 nearest valid vectors (distance in vectors), each weighted by its inverse square distance.
-    Linear fields come back exactly, also at edges and for whole missing corners; a direction in which the neighbours do
-    not spread takes no slope. Raises ``PlenoPIVError`` when no vector is valid.
+    Linear fields are restored exactly, also at edges and in missing corners; along a direction in which the neighbours
+    do not spread, the slope is zero. Raises ``PlenoPIVError`` when no vector is valid.
     """
     if not valid.any():
         raise PlenoPIVError(

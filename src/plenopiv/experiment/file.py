@@ -127,10 +127,10 @@ class Experiment(Table):
             return [str(error)]
         lines = []
         for number, window in enumerate(self.correlation.windows):
-            for axis, side, room in zip("xyz", window, (nx, ny, nz), strict=True):
-                if side > room:
+            for axis, side, total in zip("xyz", window, (nx, ny, nz), strict=True):
+                if side > total:
                     lines.append(
-                        f"correlation.windows[{number}]: {side} voxels along {axis} do not fit into a volume of {room}"
+                        f"correlation.windows[{number}]: {side} voxels along {axis} do not fit into a volume of {total}"
                     )
         return lines
 

@@ -212,7 +212,7 @@ class SimulationTable(Table):
     """``[simulation]``: flow and light of a synthetic recording. Read by ``plenopiv simulate`` alone, never by a run.
 
     ``flow`` and its ``parameters`` are those of ``simulation.flows``; light and seeding are explained in
-    ``simulation.recording.Seeding``, noise in ``simulation.sensor_noise.SensorNoise``. The lattice lies where
+    ``simulation.simulated_recording.Seeding``, noise in ``simulation.sensor_noise.SensorNoise``. The lattice lies where
     [camera.microlens_array] says, the seeded box is [volume] and ``margin_mm`` around it.
     """
 

@@ -50,7 +50,7 @@ def write_vtkhdf(path: str | Path, dataset: xarray.Dataset) -> None:
 
 
 def write_volume_vtkhdf(path: str | Path, volume: Volume, name: str = "intensity") -> None:
-    """Write a reconstructed volume, every voxel of it, some planes at a time; empty voxels take next to no room.
+    """Write a reconstructed volume, every voxel of it, some planes at a time; empty voxels take next to no space.
 
     Raises:
         PlenoPIVError: the file cannot be written; nothing is left behind.

@@ -117,7 +117,7 @@ class SeveralCameras:
         self._check_rows()
         own = [(low, high) if pose.axes[1] > 0 else (rows - high, rows - low) for pose in self.poses]
         parts = [p.tile(*limits) for p, limits in zip(self.projectors, own, strict=True)]
-        return SeveralCameras(self.grid.rows(low, high), parts, self.poses)
+        return SeveralCameras(self.grid.y_range(low, high), parts, self.poses)
 
     def each_camera(self, values: NDArray) -> list[tuple[Projection, NDArray]]:
         """The cameras, with their parts of ``values`` (view, lens)."""

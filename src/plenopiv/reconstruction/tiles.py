@@ -26,7 +26,7 @@ class Tile(NamedTuple):
         """Of a volume of rows ``low`` to ``high`` the rows ``first`` to ``end``."""
         if (self.first, self.end) == (self.low, self.high):
             return volume
-        return volume.rows(self.first - self.low, self.end - self.low)
+        return volume.y_range(self.first - self.low, self.end - self.low)
 
     def listed(self, volume: SparseVolume) -> int:
         """How many voxels of such a volume are listed in rows ``first`` to ``end``."""

@@ -1,4 +1,4 @@
-"""Line charts of a run: residuals by round, validation, stated uncertainty, errors by depth."""
+"""Line charts of a run: residuals by iteration, validation, stated uncertainty, errors by depth."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DEPTH = "z (mm), toward the camera"
 
 @rc_context(STYLE)
 def residual_figure(residuals: Mapping[str, Sequence[float]]) -> Figure:
-    """RMS residual of the pixels met by each round of MART, for each frame."""
+    """RMS residual of the pixels at each iteration of MART, for each frame."""
     figure = Figure(figsize=(6.6, 3.3), layout="constrained")
     axes = figure.subplots()
     named = len(residuals) <= FRAMES
@@ -36,7 +36,7 @@ def residual_figure(residuals: Mapping[str, Sequence[float]]) -> Figure:
             np.arange(1, len(values) + 1), values, "o-", markersize=3, color=colour, alpha=1.0 if named else 0.4,
             label=written(name) if named else None,
         )  # fmt: skip
-    axes.set(title="residual by round", xlabel="round of MART", ylabel="RMS residual (counts)")
+    axes.set(title="residual by iteration", xlabel="iteration of MART", ylabel="RMS residual (counts)")
     axes.set_ylim(bottom=0)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if named and residuals:

@@ -1,4 +1,4 @@
-"""The figure of ``plenopiv check``: images with the lattice, counts, displacements, and the findings in words."""
+"""The figure of ``plenopiv check``: images with the lattice, counts, displacements, and the findings as text."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
-from plenopiv.checks import Checked
+from plenopiv.checks import CheckResult
 from plenopiv.errors import printable
 from plenopiv.report.figures import BLUE, GREEN, INK, ORANGE, STYLE, written
 from plenopiv.report.views import RawCrop, raw_crops
@@ -21,7 +21,7 @@ LETTERS = 60  # in a line of the findings
 
 
 @rc_context(STYLE)
-def check_figure(found: Checked) -> Figure:
+def check_figure(found: CheckResult) -> Figure:
     """White image and frame with the lattice, shifts between them, counts, displacements, and the findings."""
     figure = Figure(figsize=(13.0, 8.6), layout="constrained")
     (first, second, shifts), (counts, moves, words) = figure.subplots(2, 3)
@@ -56,7 +56,7 @@ def _nothing(axes: Axes, why: str) -> None:
     axes.text(0.5, 0.5, why, ha="center", va="center", transform=axes.transAxes, color=INK)
 
 
-def _shifts(axes: Axes, found: Checked) -> None:
+def _shifts(axes: Axes, found: CheckResult) -> None:
     """Where the frame's micro-images lie off the white image's, over the sensor."""
     if found.fit is None:
         return _nothing(axes, "frames were not compared\nwith the white image")
@@ -71,7 +71,7 @@ def _shifts(axes: Axes, found: Checked) -> None:
     return None
 
 
-def _counts(axes: Axes, found: Checked) -> None:
+def _counts(axes: Axes, found: CheckResult) -> None:
     sensor = found.camera.sensor
     bins = np.linspace(0, sensor.full_scale + 1, 129)
     for image, label, colour in ((found.white, "white image", ORANGE), (found.frame, written(found.name), BLUE)):
@@ -86,7 +86,7 @@ def _counts(axes: Axes, found: Checked) -> None:
         text.set_parse_math(False)
 
 
-def _moves(axes: Axes, found: Checked) -> None:
+def _moves(axes: Axes, found: CheckResult) -> None:
     """Displacements in mm over x and y, depth as colour."""
     if found.motion is None or not len(found.motion.displacement_mm):
         return _nothing(axes, "no displacement was found")
@@ -110,7 +110,7 @@ def _moves(axes: Axes, found: Checked) -> None:
     return None
 
 
-def _words(axes: Axes, found: Checked) -> None:
+def _words(axes: Axes, found: CheckResult) -> None:
     """What was found, the worst first."""
     axes.set_axis_off()
     at, order = 1.0, list(COLOURS)

@@ -16,10 +16,10 @@ UM = 1e3
 
 @rc_context(STYLE)
 def design_figure(found: Design) -> Figure:
-    """Four panels: ways until another pixel is lit, field, errors by depth, and errors against density or variants."""
+    """Four panels: distance until another pixel is lit, field, errors by depth, and errors against density."""
     figure = Figure(figsize=(11.0, 7.4), layout="constrained")
-    (ways, field), (errors, seeding) = figure.subplots(2, 2)
-    _ways(ways, found.optics)
+    (distance, field), (errors, seeding) = figure.subplots(2, 2)
+    _distances(distance, found.optics)
     _field(field, found.optics)
     if found.best is None:
         for axes in (errors, seeding):
@@ -28,7 +28,7 @@ def design_figure(found: Design) -> Figure:
     else:
         _errors(errors, found.best)
         _densities(seeding, found.twins, found.best)
-    for axes in (ways, field, errors, seeding):
+    for axes in (distance, field, errors, seeding):
         axes.spines[["top", "right"]].set_visible(False)
     return figure
 
@@ -38,7 +38,7 @@ def _shade(axes: Axes, optics: Optics) -> None:
     axes.set_xlabel("z (mm), toward the camera")
 
 
-def _ways(axes: Axes, optics: Optics) -> None:
+def _distances(axes: Axes, optics: Optics) -> None:
     z = [d.z_mm for d in optics.depths]
     _shade(axes, optics)
     for label, colour, mean, largest in (
@@ -47,7 +47,7 @@ def _ways(axes: Axes, optics: Optics) -> None:
     ):
         axes.plot(z, UM * np.array(mean), color=colour, label=f"{label}, mean")
         axes.plot(z, UM * np.array(largest), color=colour, linestyle=":", label=f"{label}, at most")
-    axes.set(yscale="log", ylabel="um", title="way of a point until another pixel is lit")
+    axes.set(yscale="log", ylabel="um", title="distance that a point moves until another pixel is lit")
     low, high = axes.get_ylim()
     axes.set_ylim(low, 8 * high)  # room for the legend
     axes.legend(frameon=False, ncols=3, fontsize=8, loc="upper center")

@@ -1,4 +1,4 @@
-"""Pictures of the light field to look at before computing: its views, and refocused depths."""
+"""Figures of the light field: sub-aperture views, and the frame refocused at several depths."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def contact_sheet(
             if picture is None:
                 axes.set_axis_off()
                 continue
-            _shown(axes, picture, x, y, top)
+            _draw(axes, picture, x, y, top)
             axes.set_title(f"({u:+.1f}, {v:+.1f})", fontsize=7, pad=2)
     figure.suptitle(
         f"{written(name)}: views through the places (u, v) of the main lens, mm, as the object has x and y; each "
@@ -62,14 +62,14 @@ def depth_strip(pictures: Sequence[Picture], z_mm: Sequence[float], x: Axis, y: 
         axes.set_axis_off()
     for axes, picture, z in zip(grid.flat, pictures, z_mm, strict=False):
         axes.set_axis_on()
-        drawn = _shown(axes, picture, x, y, top)
+        drawn = _draw(axes, picture, x, y, top)
         axes.set_title(f"{written(name)}, focus at z = {z:+.2f} mm", parse_math=False)
         axes.set(xlabel="x (mm)", ylabel="y (mm)")
     figure.colorbar(drawn, ax=grid, label="mean of the views (counts)", fraction=0.03, pad=0.01)
     return figure
 
 
-def _shown(axes: Axes, picture: Picture, x: Axis, y: Axis, top: float) -> AxesImage:
+def _draw(axes: Axes, picture: Picture, x: Axis, y: Axis, top: float) -> AxesImage:
     """A picture whose rows fall with y, on axes in mm."""
     dx, dy = (abs(a[1] - a[0]) / 2 if a.size > 1 else 0.5 for a in (x, y))
     step = max(1, -(-max(picture.shape) // LARGEST))

@@ -148,14 +148,14 @@ def _validation(experiment: Experiment, dataset: xarray.Dataset, drawn: _Figures
         content += [
             subheading(
                 "Uncertainty",
-                "As each vector states it: scatter of the particles in its window, and flow that the window does not "
-                "resolve. Errors common to both frames are not in it.",
+                "Standard deviation of each vector: scatter of the particles in its window, and flow that the window "
+                "does not resolve. Errors common to both frames are not included.",
             ),
             drawn("uncertainty", charts.uncertainty_figure(dataset), "stated standard deviations", "chart"),
         ]
     words = (
         f"{share:.1f} % of the vectors were replaced by a fit to their neighbours. A few per cent are usual; clusters "
-        "are a place where something is wrong."
+        "show where something is wrong."
     )
     return section("Validation", words, *content, name="validation")
 
@@ -177,10 +177,10 @@ def _reconstruction(
         content += [
             subheading(
                 "Residual",
-                "What the volume leaves unexplained of the pixels, met by each round. It should fall in the first "
-                "round or two and then stay. Light from outside the volume is left in it; much of that lets it rise.",
+                "RMS difference between measured and projected pixels during each iteration. It should fall in the "
+                "first one or two and then stay. It includes light from outside the volume; much of that makes it rise.",
             ),
-            drawn("residuals", charts.residual_figure(residuals), "residual by round", "chart narrow"),
+            drawn("residuals", charts.residual_figure(residuals), "residual by iteration", "chart narrow"),
         ]
     words = (
         "The first frame's volume. Particles should be small and alike; streaks along z are ghosts, or particles near "
@@ -209,8 +209,8 @@ STACKS = (
     (
         "views",
         "Sub-aperture views",
-        "What the scene looks like through one portion of the main lens, from left to right and then from below to "
-        "above. Particles away from the focal plane move from view to view; those in it stand still.",
+        "The scene through one portion of the main lens, from left to right and then from below to above. Particles "
+        "away from the focal plane move from view to view; those in it stand still.",
     ),
     (
         "refocus",

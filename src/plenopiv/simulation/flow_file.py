@@ -51,7 +51,7 @@ class FlowFile:
             raise PlenoPIVError(f"flow: outside = {self.outside!r}; give one of {', '.join(OUTSIDE)}")
         if isinstance(self.variables, str):
             object.__setattr__(self, "variables", (self.variables,))
-        _ = self.field  # a wrong file is told now, not at the first particle
+        _ = self.field  # a wrong file raises now, not at the first particle
 
     @cached_property
     def field(self) -> GriddedVelocity:

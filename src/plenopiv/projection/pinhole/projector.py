@@ -159,7 +159,7 @@ class PinholeProjector:
         rows = self.grid.shape[1]
         if (low, high) == (0, rows):
             return self
-        part = PinholeProjector(self.cameras, self.grid.rows(low, high))
+        part = PinholeProjector(self.cameras, self.grid.y_range(low, high))
         first = part._half_width if low else -np.inf
         last = high - low - 1 - part._half_width if high < rows else np.inf
         part._equations = np.zeros_like(self.seen)

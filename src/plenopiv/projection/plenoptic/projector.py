@@ -140,7 +140,7 @@ class PlenopticProjector:
         rows = self.grid.shape[1]
         if (low, high) == (0, rows):
             return self
-        part = PlenopticProjector(self.layout, self.grid.rows(low, high), self.weights, self.across)
+        part = PlenopticProjector(self.layout, self.grid.y_range(low, high), self.weights, self.across)
         part._equations = part._met_only_within(0 if low else -np.inf, high - low if high < rows else np.inf)
         return part
 
