@@ -178,7 +178,7 @@ def _reconstruction(
             subheading(
                 "Residual",
                 "RMS difference between measured and projected pixels during each iteration. It should fall in the "
-                "first one or two and then stay. It includes light from outside the volume; much of that makes it rise.",
+                "first one or two and then stay. It includes light from outside the volume; much of that lets it rise.",
             ),
             drawn("residuals", charts.residual_figure(residuals), "residual by iteration", "chart narrow"),
         ]
