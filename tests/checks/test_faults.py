@@ -5,7 +5,7 @@ import pytest
 import tifffile
 from recordings import camera, edited, looked_at, record, white_of, wrong
 
-from plenopiv.checks.fit import TURNS, fit, judged
+from plenopiv.checks.fit import TURNS, finding, fit
 from plenopiv.checks.stamps import in_order, stamp
 from plenopiv.checks.white import white_image
 
@@ -109,7 +109,7 @@ def test_turns_of_a_square_sensor(recorded, kind, way):
     turned = TURNS[way](white)
     back = {"turned by 90 degrees clockwise": "turned by 90 degrees counter-clockwise"}
     back |= {other: one for one, other in back.items()}
-    found = judged(fit(frame, turned, 14.04), "a.tif")
+    found = finding(fit(frame, turned, 14.04), "a.tif")
     if way == "as it is":
         assert found.severity == "good"
     else:
