@@ -32,7 +32,7 @@ BEGIN, END = "<!-- bound: begin -->", "<!-- bound: end -->"
 NAMES = ("base", "dim", "ppm0.25", "ppm0.5", "ppm2", "depth20", "pmr8", "pmr28")
 HEADER = (
     "| condition | \\|z\\|, mm | isolated x / y / z | overlapping x / y / z | no depth % | sharing pixels "
-    "| particles a window | window x / y / z | measured x / y / z | measured over bound, x / y / z |"
+    "| particles per window | window x / y / z | measured x / y / z | measured over bound, x / y / z |"
 )
 INK, BLUE, ORANGE = "#1f2933", "#1f6fb2", "#d9822b"
 FEW = 0.6  # of the particles asked for, where one has a thousand neighbours

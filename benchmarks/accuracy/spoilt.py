@@ -57,8 +57,8 @@ CASES = {
     "dim": Case("dim: 9 counts a particle, 2.3 of noise", Seeding(electrons_per_pixel=20.0), SensorNoise(0.5, 5.0)),
     "thin": Case("thin seeding: 7 particles a window", Seeding(particles_per_microlens=0.1)),
     "dense": Case("dense seeding: 192 particles a window", Seeding(particles_per_microlens=6.0)),
-    "shallow": Case("volume half as deep as what is lit", tables={"volume": {"z_mm": [-1.25, 1.25]}}),
-    "fast": Case("35 voxels a frame along y, where windows find 24", drift_m_s=1.2),
+    "shallow": Case("volume half as deep as the illuminated one", tables={"volume": {"z_mm": [-1.25, 1.25]}}),
+    "fast": Case("35 voxels per frame along y, where the search range is 24", drift_m_s=1.2),
     "unrelated": Case("second frame of another recording", other_second_frame=True),
     "wrong f_l": Case("f_l stated 10 % too small", tables={"camera": {"microlens_array": {"focal_length_mm": 0.277}}}),
     "wrong f_l, P_m": Case(

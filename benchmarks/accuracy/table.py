@@ -15,7 +15,7 @@ from conditions import CONDITIONS
 
 BEGIN, END = "<!-- scores: begin -->", "<!-- scores: end -->"
 HEADER = (
-    "| condition | what | vectors | particles a window | RMS x / y / z | RMS z by third of depth | gross, raw % "
+    "| condition | what | vectors | particles per window | RMS x / y / z | RMS z by third of depth | gross, raw % "
     "| replaced % | candidates % | within 1 / 2 std, x y z, % | s | GB |"
 )
 
@@ -56,7 +56,7 @@ def tables(lines: list[dict[str, Any]]) -> str:
         by_settings.setdefault(tuple(line["settings"]), []).append(line)
     parts = []
     for settings, group in by_settings.items():
-        said = ", ".join(f"`{s}`" for s in settings) if settings else "as the recordings' own files have them"
+        said = ", ".join(f"`{s}`" for s in settings) if settings else "as in the recordings' experiment files"
         versions = sorted({line["summary"]["plenopiv"] for line in group if "summary" in line})
         divider = "|---|---|" + "---:|" * (HEADER.count("|") - 3)
         table = "\n".join([HEADER, divider, *rows(group)])

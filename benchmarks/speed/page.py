@@ -57,7 +57,7 @@ def reconstruction(found: dict[str, Any]) -> str:
         f"{whole['seconds']:.1f} s and {whole['gb']:.2f} GB.\n\n"
         f"385 x 385 x 57 voxels, {found['rounds']} iterations:\n\n"
         + table(
-            "recording | MART, s | DRT-MART, s | ratio | MART, million voxels and iterations a second | candidates, %",
+            "recording | MART, s | DRT-MART, s | ratio | MART, million voxels x iterations per second | candidates, %",
             rows,
         )
     )
@@ -73,7 +73,8 @@ def limits(found: dict[str, Any]) -> str:
         rows.append(cells)
     drt, c = found["ray tracing"], found["correlation"]
     header = (
-        "listed | pairs a voxel and view | forward, ms a view | limit | share of it | back, ms | limit | share of it"
+        "candidates | pairs per voxel and view | forward, ms per view | limit | limit over time | back, ms | limit "
+        "| limit over time"
     )
     return (
         table(header, rows)
@@ -109,7 +110,7 @@ def correlation(found: dict[str, Any]) -> str:
     return (
         "Windows of 32 x 32 x 32 voxels that overlap by half, one thread each, no sub-windows; "
         "benchmarks/correlation/results.md has all of it.\n\n"
-        + (table("volumes and method | vectors a CPU-second | bias x / y / z, voxels | RMS", rows))
+        + (table("volumes and method | vectors per CPU-second | bias x / y / z, voxels | RMS", rows))
     )
 
 
