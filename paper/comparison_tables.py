@@ -61,7 +61,7 @@ def in_voxels(cases: dict[str, Any], names: Sequence[str]) -> str:
 def once(cases: dict[str, Any], names: Sequence[str] = (*WINDOWS, *INNER)) -> str:
     """What is told once of each method, one row each."""
     lines: dict[str, Callable[[dict[str, Any]], str]] = {
-        "vectors judged": lambda c: str(c["vectors"]),
+        "vectors evaluated": lambda c: str(c["vectors"]),
         "to 6 mm: gross / replaced, %": lambda c: " / ".join(
             f"{100 * c['errors']['window_mean']['within'][key]:.1f}" for key in ("gross", "replaced")
         ),

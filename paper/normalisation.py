@@ -49,8 +49,8 @@ TITLES = {
     "none": "as reconstructed",
     "equal light": "planes of equal light",
     "equal energy": "planes of equal energy",
-    "focus": "planes near focus weighed down (shipped)",
-    "both": "equal energy, then near focus down",
+    "focus": "planes near focus with less weight (default)",
+    "both": "equal energy, then less weight near focus",
 }
 
 Array = NDArray[np.float64]

@@ -64,7 +64,7 @@ METHODS = {
     "mart": "MART",
     "bound": "DRT-MART",
     "product": "DRT-MART, the paper's product",
-    "strict": "DRT-MART, as strict as in a crowd",
+    "strict": "DRT-MART, threshold of high density",
 }
 SERIES = {"axis": "on the axis, no noise", "spread": "over a microlens, no noise", "noisy": "over a microlens, noise"}
 
@@ -84,11 +84,11 @@ def single_particles() -> str:
     head = (
         "",
         "",
-        "z off, um, mean / most",
+        "z error, um, mean / largest",
         "Q, Gaussian of 3 voxels",
         "Q, point",
         "Q, 51 x 51 x 231 um",
-        "least less MART's",
+        "smallest difference to MART",
     )
     return table(head, rows)
 
@@ -111,14 +111,14 @@ def time_and_density() -> str:
             )
         )
     head = (
-        "ppm", "voxels kept, %, bound / product", "Q, MART / bound / product", "s",
-        "MART over DRT-MART, no voxel left out later", "in both left out", "in DRT-MART alone",
+        "ppm", "candidates, %, bound / product", "Q, MART / bound / product", "s",
+        "MART over DRT-MART, no thinning", "thinning in both", "thinning in DRT-MART only",
     )  # fmt: skip
     return table(head, rows)
 
 
 def needed_tracks() -> str:
-    """What perfect tracks tell of a window's mean, by density."""
+    """Errors of a window's mean from perfect tracks, by density."""
     rows = []
     for line in results("needed")["tracks"]:
         errors = (three(line[key]) for key in ("mean", "linear_fit", "smooth_field"))
@@ -153,7 +153,7 @@ def needed_beyond() -> str:
         errors = ("" if band is None else three(band["rms_voxel"]) for band in bands)
         window = "none" if inner is None else " x ".join(map(str, inner))
         rows.append((f"{line['particles_per_microlens']:g}", f"{low:g} to {high:g}", window, *errors))
-    return table(("ppm", "lit, z in mm", "sub-windows", "4 to 6 mm", "6 to 8 mm", "8 to 10 mm"), rows)
+    return table(("ppm", "illuminated, z in mm", "sub-windows", "4 to 6 mm", "6 to 8 mm", "8 to 10 mm"), rows)
 
 
 def comparison_full() -> str:
@@ -169,8 +169,8 @@ def ghosts() -> str:
         for found in (line["as_it_is"], line["without_ghosts"]):
             cells += [f"{100 * found['gross']:.0f}", three(found["rms_mm_s"], 0)]
         rows.append(cells)
-    head = ("lit, mm", "light that is not near a particle, %", "gross %", "RMS, mm/s")
-    return table((*head, "without that light: gross %", "RMS, mm/s"), rows)
+    head = ("illuminated, mm", "ghost light, %", "gross %", "RMS, mm/s")
+    return table((*head, "without ghosts: gross %", "RMS, mm/s"), rows)
 
 
 def fill(text: str, name: str, content: str) -> str:

@@ -10,7 +10,7 @@ Particles from z = -2 to 2 mm in steps of 0.077 mm, without noise. Series:
     spread     at eight places spread over a microlens, every fourth depth
     noisy      at four of them, one image of each with photon and read noise and a little stray light
 
-Methods: MART, DRT-MART ("bound"), the same as strict as in a crowd of particles ("strict"), the paper's "product". All
+Methods: MART, DRT-MART ("bound"), the same with the threshold of high density ("strict"), the paper's "product". All
 series but one in a volume of 129 x 129 x 57 voxels about the axis. Writes single-particles.png,
 single-particles-quality.png and results/single_particles.json.
 """
