@@ -1,8 +1,9 @@
 """What ghosts do to Tomo-PIV of the light field's particles:  ghosts.py [--reduced] [--out FOLDER]
 
 Four cameras see 20 mm of depth at 36/2048 mm/px, 0.06 particles per pixel: more than is usual. The matched Tomo-PIV of
-section 4 is measured about the middle of the jet, with a small illuminated volume and with all that lines of sight cross in the
-full volume (20 degrees of 10 mm: 3.6 mm to each side); as it is, and without ghosts (light not near a particle).
+section 4 is measured about the middle of the jet, with a small illuminated volume and with all that lines of sight
+cross in the full volume (20 degrees of 10 mm: 3.6 mm to each side); as it is, and without ghosts (light not near a
+particle).
 
 Writes results/ghosts.json.
 """

@@ -62,7 +62,7 @@ def centres_and_quality(results: Row) -> Figure:
         centre.set(title=f"centre, {name}", ylabel="reconstructed centre z (mm)")
         error.axhline(0.0, color=INK, lw=0.8)
         lines(error, results, series, lambda r: 1e3 * r["off_mm"]["whole"][2])
-        error.set(title=f"its error, {name}", ylabel="centre z less the true one (um)", ylim=(-ERROR_UM, ERROR_UM))
+        error.set(title=f"its error, {name}", ylabel="error of the centre along z (um)", ylim=(-ERROR_UM, ERROR_UM))
         lines(quality, results, series, lambda r: r["q"]["gauss"])
         quality.set(title=f"quality, {name}", ylabel="Q (exact: Gaussian of 3 voxels)", ylim=(0, 1))
     panels[0, 0].legend(frameon=False)
@@ -71,7 +71,7 @@ def centres_and_quality(results: Row) -> Figure:
 
 @rc_context(STYLE)
 def what_quality_depends_on(results: Row) -> Figure:
-    """Q by the exact volume, with noise, and by the weights; voxels that DRT leaves."""
+    """Q by the exact volume, with noise, and by the weights; candidates."""
     figure = Figure(figsize=(10.5, 6.8), layout="constrained")
     (exact, noisy), (weights, left) = figure.subplots(2, 2)
     for (name, label), style in zip(EXACT_NAMES.items(), ("-", "--", ":"), strict=True):
@@ -86,7 +86,7 @@ def what_quality_depends_on(results: Row) -> Figure:
     noisy.set(title="images with noise, over a microlens", ylabel="Q (exact: Gaussian of 3 voxels)", ylim=(0, 1))
     noisy.legend(frameon=False, fontsize=7)
     for series, method, label, colour in (
-        ("axis", "bound", "areas read off maps (as shipped)", BLUE),
+        ("axis", "bound", "plane maps (default)", BLUE),
         ("areas", "bound", "areas voxel by voxel", INK),
         ("nine rays", "product", "nine rays a pixel, paper's product", GREEN),
     ):
@@ -101,7 +101,7 @@ def what_quality_depends_on(results: Row) -> Figure:
     weights.legend(frameon=False, fontsize=7, loc="upper center")
     for axes in (exact, weights):
         axes.set(ylim=(0, 1.35), yticks=np.linspace(0, 1, 6))  # legends above the curves
-    left.set(title="voxels that dense ray tracing leaves, on the axis", ylabel="voxels")
+    left.set(title="candidate voxels, on the axis", ylabel="voxels")
     return figure
 
 

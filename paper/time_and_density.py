@@ -94,7 +94,7 @@ def figure_of(rows: list[Row]) -> Figure:
     looks = {"mart": ("MART", ORANGE), "bound": ("DRT-MART", BLUE), "product": ("DRT-MART, paper's product", GREEN)}
     for method, (name, colour) in looks.items():
         for thin, style in ((0.0, "o-"), (THIN, "s--")):
-            label = f"{name}{', faint voxels left out' if thin else ''}"
+            label = f"{name}{', thinned' if thin else ''}"
             draw = {"color": colour, "ms": 4, "lw": 1.2, "label": label}
             if method != "mart":
                 slower = value(rows, "mart", thin, "seconds") / value(rows, method, thin, "seconds")
@@ -103,7 +103,7 @@ def figure_of(rows: list[Row]) -> Figure:
         if method != "mart":
             kept.plot(densities, 100 * value(rows, method, 0.0, "kept"), "o-", color=colour, ms=4, lw=1.2, label=name)
     ratio.set(ylabel="time of MART / time of DRT-MART", ylim=(0, 1.5 * ratio.get_ylim()[1]))  # legend above the curves
-    kept.set(ylabel="voxels that DRT leaves (%)", ylim=(0, None))
+    kept.set(ylabel="candidate voxels (%)", ylim=(0, None))
     quality.set(ylabel="Q (exact: Gaussian of 3 voxels)", ylim=(0, None))
     for axes in (ratio, kept, quality):
         axes.set_xlabel("particles per microlens")
