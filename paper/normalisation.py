@@ -49,8 +49,8 @@ TITLES = {
     "none": "as reconstructed",
     "equal light": "planes of equal light",
     "equal energy": "planes of equal energy",
-    "focus": "planes near focus with less weight (default)",
-    "both": "equal energy, then less weight near focus",
+    "focus": "less weight near focus (default)",
+    "both": "equal energy, less weight near focus",
 }
 
 Array = NDArray[np.float64]
