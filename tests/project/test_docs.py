@@ -1,5 +1,6 @@
 """The documents say what the program does: keys, commands, links."""
 
+import importlib
 import re
 from pathlib import Path
 
@@ -73,6 +74,25 @@ def test_commands_in_the_documents_exist():
         for block in re.findall(r"```(?:sh|bash)\n(.*?)```", document.read_text(), re.DOTALL):
             for word in re.findall(r"^\s*(?:\S*/)?plenopiv (\w+)", block, re.MULTILINE):
                 assert word in commands, f"{document.name}: plenopiv {word}"
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_what_the_documents_name_exists(document):
+    """Dotted names of the package, and Python files relative to the repository, or to src/plenopiv or below it."""
+    text = document.read_text()
+    for name in sorted(set(re.findall(r"\bplenopiv(?:\.\w+)+", text))):
+        parts = name.split(".")
+        for k in range(len(parts), 0, -1):
+            try:
+                thing = importlib.import_module(".".join(parts[:k]))
+            except ModuleNotFoundError:
+                continue
+            for attribute in parts[k:]:
+                assert hasattr(thing, attribute), name
+                thing = getattr(thing, attribute)
+            break
+    for name in re.findall(r"`([\w/.-]+\.py)`", text):
+        assert (ROOT / name).exists() or list((ROOT / "src" / "plenopiv").rglob(name)), name
 
 
 def test_decisions_are_numbered_listed_and_complete():
