@@ -147,7 +147,7 @@ def test_progress_draws_a_bar_on_a_terminal_after_two_seconds(capsys, monkeypatc
     now = [0.0]
     monkeypatch.setattr(module, "perf_counter", lambda: now[0])
     with module.Progress() as progress:
-        monkeypatch.setattr(progress, "_terminal", True)
+        monkeypatch.setattr(progress, "_on_terminal", True)
         progress("reconstruction", 1, 10)
         assert capsys.readouterr().err == ""
         now[0] = 2.5

@@ -1,4 +1,4 @@
-"""Errors of a velocity field against a known flow, plane by plane: depth is what one camera knows least about."""
+"""Errors of a velocity field against a known flow, plane by plane: with one camera the error depends on depth."""
 
 from __future__ import annotations
 

@@ -141,7 +141,7 @@ def _block(position: NDArray[np.complex128], image: NDArray, blocks: int) -> NDA
 
 
 def _sound(measured: MicroImages, predicted: NDArray, image: NDArray, name: str) -> NDArray[np.bool_]:
-    """Which micro-images are sound: fitted well, and near to where their neighbours say they are.
+    """Which micro-images are sound: fitted well, and near to where their neighbours predict them.
 
     Dust and dead microlenses are judged against their own part of the sensor, so that distortion of the array is not
     taken for a fault of many lenses.

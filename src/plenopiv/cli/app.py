@@ -303,8 +303,8 @@ def design(
 ) -> None:
     """What a camera will do, before it is built: resolution, field, dead zone, seeding, velocity errors.
 
-    Geometry says how far a point moves until another pixel is lit; a simulated twin of the camera, imaged,
-    reconstructed and correlated, says what error a displacement will have. Then what changes with PMR, pitch,
+    Geometry gives how far a point moves until another pixel is lit; a simulated twin of the camera, imaged,
+    reconstructed and correlated, gives the expected error of displacements. Then what changes with PMR, pitch,
     magnification and lattice. A sheet's recording and dt_s are not needed.
 
     \b

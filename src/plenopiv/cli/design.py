@@ -124,8 +124,8 @@ def _by_depth(optics: Optics) -> str:
         for d in optics.depths[::2]
     ]
     title = (
-        "Distance that a point moves until another pixel is lit, um: mean (largest). The split of its light between "
-        "pixels resolves less than this, noise more."
+        "Distance that a point moves until another pixel is lit, um: mean (largest). Smaller motions change how its "
+        "light is split between pixels, as far as noise allows."
     )
     return _table(title, ("z (mm)", "field (mm)", "across", "in depth"), rows)
 

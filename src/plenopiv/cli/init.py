@@ -38,7 +38,7 @@ def init(folder: Path, sheet: Path, overwrite: bool) -> str:
     columns, rows = _common_size([white, *frames])
     camera = known.camera(columns, rows)
     text = draft(known, camera, white.name, [frame.name for frame in frames])
-    Experiment.from_dict(tomllib.loads(text), target)  # a draft that does not load helps nobody
+    Experiment.from_dict(tomllib.loads(text), target)  # raises now if the draft does not load
     aside = target.with_name(f".{FILE}.part")
     try:
         aside.write_text(text, encoding="utf-8")

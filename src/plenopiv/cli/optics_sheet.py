@@ -44,16 +44,16 @@ class OpticsSheet:
         """A number under one of these keys; an error that names the key where there is none."""
         found = self.value(table, *names)
         if isinstance(found, bool) or not isinstance(found, int | float):
-            said = "is missing" if found is None else f"= {found!r} is no number"
-            raise PlenoPIVError(f"{self.path}: {table}.{names[0]} {said}")
+            problem = "is missing" if found is None else f"= {found!r} is no number"
+            raise PlenoPIVError(f"{self.path}: {table}.{names[0]} {problem}")
         return found
 
     def text(self, table: str, name: str, allowed: tuple[str, ...]) -> Any:
         """A word of a choice."""
         found = self.value(table, name)
         if found not in allowed:
-            said = "is missing" if found is None else f"= {found!r} is wrong"
-            raise PlenoPIVError(f"{self.path}: {table}.{name} {said}; give {' or '.join(allowed)}")
+            problem = "is missing" if found is None else f"= {found!r} is wrong"
+            raise PlenoPIVError(f"{self.path}: {table}.{name} {problem}; give {' or '.join(allowed)}")
         return found
 
     def camera(self, columns: int, rows: int) -> PlenopticCamera:

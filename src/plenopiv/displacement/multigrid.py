@@ -36,7 +36,7 @@ Progress = Callable[[str, int, int], None]
 class PassResult:
     """What one pass measured: ``displacement`` (3, nz, ny, nx) voxels, ``found`` and ``peak_ratio`` (nz, ny, nx).
 
-    ``variance`` (3, nz, ny, nx), voxel^2: scatter of the particles of a window about its peak; None if not asked for.
+    ``variance`` (3, nz, ny, nx), voxel^2: scatter of the particles of a window about its peak; None unless ``scatter``.
     """
 
     displacement: NDArray[np.float64]

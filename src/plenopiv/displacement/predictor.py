@@ -51,7 +51,7 @@ def fit_spline(
     centres: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
     shape: tuple[int, int, int],
 ) -> SplineField:
-    """The spline through ``displacement`` (3, nz, ny, nx) at ``centres``, good over a volume of ``shape`` voxels."""
+    """The spline through ``displacement`` (3, nz, ny, nx) at ``centres``, defined over a volume of ``shape`` voxels."""
     c = np.asarray(displacement, float)
     pads = []
     for axis, (knots, total) in enumerate(zip(centres, shape, strict=True)):

@@ -88,7 +88,7 @@ class Experiment(Table):
 
     @model_validator(mode="after")
     def _possible(self) -> Experiment:
-        """What the tables say must be possible together; each problem a line."""
+        """Check that the tables do not contradict one another; each problem a line."""
         lines = self._camera_contradictions() or self._volume_contradictions()
         if lines:
             raise ValueError("\n".join(lines))
@@ -186,7 +186,7 @@ class Experiment(Table):
         return Recording(self.camera().sensor, frames, white, table.dt_s, table.orientation)
 
     def warnings(self) -> list[str]:
-        """What the user should know before a run, one line each; none of it stops the run."""
+        """Warnings before a run, one line each; none of them stops the run."""
         camera = self.camera()
         unmatched = mismatch(camera)
         lines = [unmatched] if unmatched else []

@@ -1,6 +1,6 @@
 """A plane of vectors as OpenPIV's tools read it: text columns x, y, u, v, flags, mask.
 
-OpenPIV knows two frames. That of its images counts y and v downward, rows from above. Its *physical* frame, to which
+OpenPIV has two frames. That of its images counts y and v downward, rows from above. Its *physical* frame, to which
 ``transform_coordinates`` leads, keeps rows from above but counts y and v upward. Here rows also come from above; x, y
 in mm and u, v in m/s are those of the object frame, y up, so they are in OpenPIV's physical frame and must not be
 transformed again. Flags: 0 measured, 2 replaced; mask: 1 where no view sees.

@@ -24,7 +24,7 @@ SLAB = 8  # planes of a volume written at once
 
 
 def write_vtkhdf(path: str | Path, dataset: xarray.Dataset) -> None:
-    """Write a velocity field, dims (time, z, y, x), with all that it says of each vector; several times as steps.
+    """Write a velocity field, dims (time, z, y, x), with all variables; several times as steps.
 
     ``velocity`` (three components) and ``velocity_std`` hold u, v, w and their standard deviations in m/s, the other
     variables keep their names.
@@ -39,7 +39,7 @@ def write_vtkhdf(path: str | Path, dataset: xarray.Dataset) -> None:
     taken = {part for parts in fields.values() for part in parts}
     dims = ("time", "z", "y", "x")
     fields |= {str(n): (str(n),) for n, v in dataset.data_vars.items() if set(v.dims) == set(dims) and n not in taken}
-    several = dataset.sizes["time"] > 1  # of a single step the reader knows no axis
+    several = dataset.sizes["time"] > 1  # readers see no time axis in a single step
     first, spacing, shape = _axes(dataset)
     with _image(path, first, spacing, shape, dataset.time.values if several else None) as points:
         for name, parts in fields.items():

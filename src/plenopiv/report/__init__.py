@@ -1,4 +1,4 @@
-"""The report of a run: one HTML file that stands alone, and its figures as PNG and PDF.
+"""The report of a run: one self-contained HTML file, and its figures as PNG and PDF.
 
 views.py      what the figures show: crops of raw images with the lattice, projections of a volume
 figures.py    images and histograms (matplotlib, no global state)

@@ -83,8 +83,8 @@ def data_block(name: str, content: Any) -> str:
 def section(heading: str, words: str, *content: str, name: str = "") -> str:
     """A section with a heading and a sentence or two, plain text both, and HTML."""
     place = f' id="{plain(name)}"' if name else ""
-    said = f"<p>{plain(words)}</p>" if words else ""
-    return f"<section{place}><h2>{plain(heading)}</h2>{said}{''.join(content)}</section>"
+    text = f"<p>{plain(words)}</p>" if words else ""
+    return f"<section{place}><h2>{plain(heading)}</h2>{text}{''.join(content)}</section>"
 
 
 def subheading(heading: str, words: str = "") -> str:

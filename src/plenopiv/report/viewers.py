@@ -1,4 +1,4 @@
-"""What turns and slides on the page: its controls as HTML. The scripts in ``browser`` bring them to life."""
+"""Controls of the page's 3D scene, slices and picture stacks, as HTML; the scripts in ``browser`` operate them."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def _plain(unit: str) -> str:
 
 
 def missing_variable(name: str, there: list[str]) -> str:
-    """What to say of a variable that is missing."""
+    """The message for a variable that is missing."""
     close = difflib.get_close_matches(name, there, 1, 0.6)
     hint = f"did you mean '{close[0]}'? " if close else ""
     return f"has no variable '{name}'; {hint}it holds {', '.join(there) or 'none'}; name yours with variables"
