@@ -13,7 +13,7 @@ F = np.float32
 
 
 @inlined
-def factor_of(total, views):
+def factor_of(total: np.float32, views: int) -> np.float32:
     """What a voxel is multiplied by when the corrections of so many views sum to ``total``: 1 + total where they add
     light, and where they take it (1 + total / views)^views, which the product of 1 + each never exceeds; >= 0."""
     if total >= F(0):
@@ -26,7 +26,7 @@ def factor_of(total, views):
 
 
 @kernel
-def multiply_by(begin, end, total, views, values):
+def multiply_by(begin: int, end: int, total: NDArray[np.float32], views: int, values: NDArray[np.float32]) -> None:
     """Multiply the voxels ``begin`` to ``end`` by what ``factor_of`` makes of ``total``."""
     for v in range(begin, end):
         values[v] *= factor_of(total[v], views)

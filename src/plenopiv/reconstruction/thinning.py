@@ -20,7 +20,9 @@ def keeping(volume: SparseVolume, keep: NDArray[np.bool_], overwrite: bool = Fal
 
 
 @kernel
-def compact(keep, row_start, column, values):
+def compact(
+    keep: NDArray[np.bool_], row_start: NDArray[np.int64], column: NDArray[np.uint16], values: NDArray[np.float32]
+) -> int:
     """Move what is kept to the front, row by row; returns its number."""
     to, begin = 0, row_start[0]
     for row in range(row_start.size - 1):

@@ -13,6 +13,7 @@ from math import floor
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plenopiv.kernels import borrowed, inlined, kernel
 from plenopiv.projection.correction import factor_of
@@ -42,14 +43,14 @@ class Sight(NamedTuple):
 
 
 @inlined
-def row_of(sight, j, k):
+def row_of(sight: Sight, j: int, k: int) -> Place:
     """The first voxel of row j in plane k, in the camera's frame."""
     a, y, z = sight.first, sight.along_y, sight.along_z
     return a[0] + j * y[0] + k * z[0], a[1] + j * y[1] + k * z[1], a[2] + j * y[2] + k * z[2]
 
 
 @inlined
-def image_of(sight, row, i):
+def image_of(sight: Sight, row: Place, i: int) -> tuple[float, float]:
     """(column, row) of voxel i of a row."""
     step = sight.along_x
     nearness = 1.0 / (row[2] + i * step[2])
@@ -60,14 +61,14 @@ def image_of(sight, row, i):
 
 
 @inlined
-def share_of(pixel, middle, half):
+def share_of(pixel: int, middle: float, half: float) -> np.float32:
     """Share of a shadow about ``middle`` that falls on a pixel, along one axis."""
     covered = min(pixel + 0.5, middle + half) - max(pixel - 0.5, middle - half)
     return F(max(covered, 0.0) / (2.0 * half))
 
 
 @inlined
-def shadow_sum(sight, image, column, row):
+def shadow_sum(sight: Sight, image: NDArray[np.float32], column: float, row: float) -> np.float32:
     """Sum of ``image`` (pixel,) over the shadow about (column, row), each pixel by its share."""
     total = F(0)
     last_column = min(floor(column + sight.half_column + 0.5), sight.columns - 1)
@@ -82,7 +83,7 @@ def shadow_sum(sight, image, column, row):
 
 
 @inlined
-def add_shadow(sight, image, column, row, light):
+def add_shadow(sight: Sight, image: NDArray[np.float32], column: float, row: float, light: np.float32) -> None:
     """Add ``light`` to ``image`` (pixel,) over the shadow about (column, row): the transpose of ``shadow_sum``."""
     last_column = min(floor(column + sight.half_column + 0.5), sight.columns - 1)
     last_row = min(floor(row + sight.half_row + 0.5), sight.rows - 1)
@@ -94,7 +95,17 @@ def add_shadow(sight, image, column, row, light):
 
 
 @kernel
-def project(begin, end, sight, ny, chunks, row_start, column, values, partial):
+def project(
+    begin: int,
+    end: int,
+    sight: Sight,
+    ny: int,
+    chunks: NDArray[np.int64],
+    row_start: NDArray[np.int64],
+    column: NDArray[np.uint16],
+    values: NDArray[np.float32],
+    partial: NDArray[np.float32],
+) -> None:
     """The listed voxels' light in one camera: chunk c of their rows into ``partial[c]`` (pixel,)."""
     chunks, row_start, column, values = borrowed((chunks, row_start, column, values))
     partial = borrowed(partial)
@@ -109,7 +120,18 @@ def project(begin, end, sight, ny, chunks, row_start, column, values, partial):
 
 
 @kernel
-def gather(begin, end, sight, ny, chunks, row_start, column, image, multiply, out):
+def gather(
+    begin: int,
+    end: int,
+    sight: Sight,
+    ny: int,
+    chunks: NDArray[np.int64],
+    row_start: NDArray[np.int64],
+    column: NDArray[np.uint16],
+    image: NDArray[np.float32],
+    multiply: bool,
+    out: NDArray[np.float32],
+) -> None:
     """Add, for each listed voxel of the chunks, the sum of ``image`` over its shadow to ``out`` (voxel,); or
     ``multiply`` that by what ``factor_of`` makes of the sum, one camera's corrections."""
     row_start, column, image, out = borrowed((row_start, column, image, out))
@@ -122,7 +144,15 @@ def gather(begin, end, sight, ny, chunks, row_start, column, image, multiply, ou
 
 
 @kernel
-def least_along_sight(begin, end, sight, first_plane, image, least, product):
+def least_along_sight(
+    begin: int,
+    end: int,
+    sight: Sight,
+    first_plane: int,
+    image: NDArray[np.float32],
+    least: NDArray[np.float32],
+    product: NDArray[np.float64],
+) -> None:
     """Planes ``begin`` to ``end`` of a slab (z, y, x) that starts at ``first_plane``: lower ``least`` to the light of
     ``image`` that meets each voxel, multiply ``product`` by it; both become 0 where the camera does not see it."""
     image, least, product = borrowed((image, least, product))

@@ -18,14 +18,14 @@ TIP = F(1.0 / sqrt(3.0))  # the hexagon's upper corner
 BEND = F(1.0 / (2.0 * sqrt(3.0)))
 
 
-def corner(x, y):
+def corner(x: np.float32, y: np.float32) -> np.float32:
     """What the hexagon's slanted sides cut off the rectangle 0..x, 0..y: odd in x and in y."""
     beyond = max(abs(x) + ROOT3 * abs(y) - ONE, ZERO)
     cut = BEND * beyond * beyond
     return cut if x * y >= ZERO else -cut
 
 
-def rectangle_in_hexagon(x, y, half_x, half_y):
+def rectangle_in_hexagon(x: np.float32, y: np.float32, half_x: np.float32, half_y: np.float32) -> np.float32:
     """Area of a rectangle centred at (x, y), half widths (half_x, half_y), inside the hexagon.
 
     At x the hexagon reaches up to h(x) = (1 - |x|)/sqrt(3), so the overlap is the integral of
@@ -37,20 +37,20 @@ def rectangle_in_hexagon(x, y, half_x, half_y):
     return max((x2 - x1) * (y2 - y1) - corners, ZERO)  # rounding may leave less than nothing
 
 
-def rectangle_in_square(x, y, half_x, half_y):
+def rectangle_in_square(x: np.float32, y: np.float32, half_x: np.float32, half_y: np.float32) -> np.float32:
     """Area of the same rectangle inside the unit square."""
     x1, x2 = min(max(x - half_x, -HALF), HALF), min(max(x + half_x, -HALF), HALF)
     y1, y2 = min(max(y - half_y, -HALF), HALF), min(max(y + half_y, -HALF), HALF)
     return (x2 - x1) * (y2 - y1)
 
 
-def point_in_hexagon(x, y):
+def point_in_hexagon(x: np.float32, y: np.float32) -> np.float32:
     """1 inside the hexagon, else 0."""
     inside = (abs(x) <= HALF) & (abs(x) + ROOT3 * abs(y) <= ONE)
     return ONE if inside else ZERO
 
 
-def point_in_square(x, y):
+def point_in_square(x: np.float32, y: np.float32) -> np.float32:
     """1 inside the unit square, else 0."""
     inside = (abs(x) <= HALF) & (abs(y) <= HALF)
     return ONE if inside else ZERO

@@ -32,22 +32,22 @@ SMALLEST = 0.01  # half side of a pixel's square, cells: float32 does not resolv
 
 
 class Plane(NamedTuple):
-    """One plane of voxels. Arrays (nz,), float32; kernels see one plane's scalars."""
+    """The numbers of one plane of voxels; ``planes`` has those of all."""
 
-    voxel_s: NDArray  # voxels along x per mm of s: 1 / (B dx)
-    voxel_t: NDArray
-    step_x: NDArray  # voxels along x that a footprint moves per pixel of q: -A portion / (B dx)
-    step_y: NDArray
-    cell_x: NDArray  # cells per voxel along x: B dx / ((1 - A) pitch)
-    cell_y: NDArray
-    half: NDArray  # half side of a pixel's square, cells
-    move: NDArray  # cells per pixel of q: A portion / ((1 - A) pitch)
-    spread: NDArray  # A
-    drift: NDArray  # pixels of q that the disc moves per cell: (1 - A) pitch / portion
-    light: NDArray  # share of a voxel's light that a wholly lit pixel collects
-    pitch: NDArray  # cells per pitch: 1 / (1 - A)
-    origin_x: NDArray  # microlens (0, 0) in cells
-    origin_y: NDArray
+    voxel_s: np.float32  # voxels along x per mm of s: 1 / (B dx)
+    voxel_t: np.float32
+    step_x: np.float32  # voxels along x that a footprint moves per pixel of q: -A portion / (B dx)
+    step_y: np.float32
+    cell_x: np.float32  # cells per voxel along x: B dx / ((1 - A) pitch)
+    cell_y: np.float32
+    half: np.float32  # half side of a pixel's square, cells
+    move: np.float32  # cells per pixel of q: A portion / ((1 - A) pitch)
+    spread: np.float32  # A
+    drift: np.float32  # pixels of q that the disc moves per cell: (1 - A) pitch / portion
+    light: np.float32  # share of a voxel's light that a wholly lit pixel collects
+    pitch: np.float32  # cells per pitch: 1 / (1 - A)
+    origin_x: np.float32  # microlens (0, 0) in cells
+    origin_y: np.float32
 
 
 def planes(camera: PlenopticCamera, grid: VoxelGrid) -> NDArray[np.float32]:
@@ -57,23 +57,23 @@ def planes(camera: PlenopticCamera, grid: VoxelGrid) -> NDArray[np.float32]:
     a, b = camera.spread(z), camera.scale(z)
     pitch, portion = camera.lattice.pitch_mm, camera.portion_mm
     move = a * portion / ((1 - a) * pitch)
-    columns = Plane(
-        voxel_s=1 / (b * dx),
-        voxel_t=1 / (b * dy),
-        step_x=-a * portion / (b * dx),
-        step_y=-a * portion / (b * dy),
-        cell_x=b * dx / ((1 - a) * pitch),
-        cell_y=b * dy / ((1 - a) * pitch),
-        half=np.maximum(np.abs(move) / 2, SMALLEST),
-        move=move,
-        spread=a,
-        drift=(1 - a) * pitch / portion,
-        light=(portion / (1 - a)) ** 2 / (pi / 4 * camera.main_lens.aperture_mm**2),
-        pitch=1 / (1 - a),
-        origin_x=camera.lattice.offset_mm[0] / ((1 - a) * pitch),
-        origin_y=camera.lattice.offset_mm[1] / ((1 - a) * pitch),
-    )
-    return np.stack([np.broadcast_to(c, z.shape) for c in columns], -1).astype(np.float32)
+    columns = {
+        "voxel_s": 1 / (b * dx),
+        "voxel_t": 1 / (b * dy),
+        "step_x": -a * portion / (b * dx),
+        "step_y": -a * portion / (b * dy),
+        "cell_x": b * dx / ((1 - a) * pitch),
+        "cell_y": b * dy / ((1 - a) * pitch),
+        "half": np.maximum(np.abs(move) / 2, SMALLEST),
+        "move": move,
+        "spread": a,
+        "drift": (1 - a) * pitch / portion,
+        "light": (portion / (1 - a)) ** 2 / (pi / 4 * camera.main_lens.aperture_mm**2),
+        "pitch": 1 / (1 - a),
+        "origin_x": camera.lattice.offset_mm[0] / ((1 - a) * pitch),
+        "origin_y": camera.lattice.offset_mm[1] / ((1 - a) * pitch),
+    }
+    return np.stack([np.broadcast_to(columns[name], z.shape) for name in Plane._fields], -1).astype(np.float32)
 
 
 def column_of(table: NDArray[np.float32], *names: str) -> NDArray[np.float32]:

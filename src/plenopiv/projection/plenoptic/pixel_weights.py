@@ -10,11 +10,12 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plenopiv.kernels import inlined, part
 from plenopiv.projection.plenoptic import cell_areas
 from plenopiv.projection.plenoptic.cell_areas import TIP
-from plenopiv.projection.plenoptic.geometry import Plane
+from plenopiv.projection.plenoptic.geometry import CameraConstants, Plane
 
 ONE_RAY, NINE_RAYS, EXACT = 0, 1, 2
 STRIPS = 6  # spelt out in rim_share, so that what they share is worked out once
@@ -28,21 +29,21 @@ point_in_square = inlined(cell_areas.point_in_square)
 
 
 @part
-def plane_of(table, k):
+def plane_of(table: NDArray[np.float32], k: int) -> Plane:
     """Row k of the table of planes as scalars."""
     t = table[k]
     return Plane(t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8], t[9], t[10], t[11], t[12], t[13])
 
 
 @inlined
-def floor_of(x):
+def floor_of(x: np.float32) -> np.int64:
     """floor(x) as an integer, without a call."""
     i = np.int64(x)
     return i - 1 if F(i) > x else i
 
 
 @part
-def reach_of(cam, plane, rule):
+def reach_of(cam: CameraConstants, plane: Plane, rule: int) -> tuple[np.float32, np.float32]:
     """How far from a microlens' centre (cells, along and across rows) a footprint's centre may be and still meet it."""
     half = plane.half if rule == EXACT else F(0.67) * plane.half * (abs(cam.cos) + abs(cam.sin))
     half += abs(cam.turn) * (half + F(0.6))
@@ -50,7 +51,7 @@ def reach_of(cam, plane, rule):
 
 
 @part
-def box_of(cam, plane, rule):
+def box_of(cam: CameraConstants, plane: Plane, rule: int) -> tuple[np.float32, np.float32]:
     """Half widths in voxels, along x and y, of the box around a footprint."""
     wide, high = reach_of(cam, plane, rule)
     c, s = abs(cam.cos), abs(cam.sin)
@@ -58,7 +59,9 @@ def box_of(cam, plane, rule):
 
 
 @inlined
-def patch_area(cam, x, y, half_x, half_y):
+def patch_area(
+    cam: CameraConstants, x: np.float32, y: np.float32, half_x: np.float32, half_y: np.float32
+) -> np.float32:
     """Area of a patch centred at (x, y) cells in the microlens' cell.
 
     The patch is turned against the lattice by the rotation: its sides are where a turned one's are at the middle of
@@ -75,13 +78,24 @@ area_of = part(patch_area.py_func)  # compiled once for all that do not need it 
 
 
 @inlined
-def pixel_share(cam, plane, x, y):
+def pixel_share(cam: CameraConstants, plane: Plane, x: np.float32, y: np.float32) -> np.float32:
     """Share of a pixel, all of it inside the aperture, that a voxel (x, y) cells off its footprint's centre gives."""
     return patch_area(cam, x, y, plane.half, plane.half) * (F(0.25) / (plane.half * plane.half))
 
 
 @inlined
-def strip_area(cam, plane, x, y, u, v, base, outward, along_x, dv):
+def strip_area(
+    cam: CameraConstants,
+    plane: Plane,
+    x: np.float32,
+    y: np.float32,
+    u: np.float32,
+    v: np.float32,
+    base: np.float32,
+    outward: np.float32,
+    along_x: bool,
+    dv: np.float32,
+) -> np.float32:
     """Area in the cell of the strip ``dv`` px from the pixel's middle; it ends at the rim, ``base`` px further in."""
     edge = sqrt(max(cam.radius * cam.radius - (v + dv) * (v + dv), F(0.01))) - base
     edge = max(min(edge, F(0.5)), F(-0.5))
@@ -95,7 +109,16 @@ def strip_area(cam, plane, x, y, u, v, base, outward, along_x, dv):
 
 
 @inlined
-def rim_base(cam, plane, u, v, outward, along_x, x, y):
+def rim_base(
+    cam: CameraConstants,
+    plane: Plane,
+    u: np.float32,
+    v: np.float32,
+    outward: np.float32,
+    along_x: bool,
+    x: np.float32,
+    y: np.float32,
+) -> np.float32:
     """How much further in than from the axis the rim cuts a pixel at (u, v), u running towards the rim.
 
     Off focus the rim moves towards the pixel's centre by A times its distance; for a voxel off the footprint's centre
@@ -108,7 +131,9 @@ def rim_base(cam, plane, u, v, outward, along_x, x, y):
 
 
 @inlined
-def rim_share(cam, plane, qx, qy, x, y):
+def rim_share(
+    cam: CameraConstants, plane: Plane, qx: np.float32, qy: np.float32, x: np.float32, y: np.float32
+) -> np.float32:
     """The same for a pixel at q that the aperture's rim may cut: STRIPS rectangles that run towards the rim, each from
     the pixel's inner side to where the rim cuts its middle; what they share is worked out once."""
     along_x = abs(qx) > abs(qy)
@@ -125,13 +150,15 @@ def rim_share(cam, plane, qx, qy, x, y):
 
 
 @inlined
-def ray_inside(cam, x, y):
+def ray_inside(cam: CameraConstants, x: np.float32, y: np.float32) -> np.float32:
     """1 where a ray at (x, y) cells meets the microlens, else 0."""
     return point_in_hexagon(x, y) if cam.hexagonal else point_in_square(x, y)
 
 
 @inlined
-def ray_share(cam, plane, rim, qx, qy, k, x, y):
+def ray_share(
+    cam: CameraConstants, plane: Plane, rim: bool, qx: np.float32, qy: np.float32, k: int, x: np.float32, y: np.float32
+) -> np.float32:
     """The same for ray k of nine through a pixel at q; none where the aperture stops it."""
     dx, dy = F(k % 3 - 1) / F(3), F(k // 3 - 1) / F(3)
     ux, uy = qx * (F(1) - plane.spread) + dx, qy * (F(1) - plane.spread) + dy

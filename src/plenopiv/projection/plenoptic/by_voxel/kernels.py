@@ -13,8 +13,10 @@ do not depend on the number of threads.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plenopiv.kernels import kernel, part
+from plenopiv.projection.plenoptic.geometry import CameraConstants, Plane
 from plenopiv.projection.plenoptic.pixel_weights import (
     EXACT,
     ONE_RAY,
@@ -34,7 +36,26 @@ PX = F(2.0**-32)  # of the clock's ticks
 
 
 @part
-def slot_places(cam, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, lens, x, y, qx, qy, m, n):
+def slot_places(
+    cam: CameraConstants,
+    box: tuple[int, int, int, int],
+    clock: NDArray[np.int64],
+    plane: Plane,
+    count: int,
+    cx: NDArray[np.float32],
+    cy: NDArray[np.float32],
+    first_i: NDArray[np.int64],
+    j_of: NDArray[np.int64],
+    dj: int,
+    di: int,
+    lens: NDArray[np.int64],
+    x: NDArray[np.float32],
+    y: NDArray[np.float32],
+    qx: NDArray[np.float32],
+    qy: NDArray[np.float32],
+    m: np.float32,
+    n: np.float32,
+) -> None:
     """For one slot: the lens of each voxel, the voxel's place off its footprint's centre (cells), and the pixel's q.
 
     ``lens`` is the flat index or, outside the block of lenses, -1.
@@ -58,8 +79,22 @@ def slot_places(cam, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, le
 
 @part
 def collect(
-    count, reach_x, reach_y, lens, x, y, qx, qy, pairs, pair_voxel, pair_lens, pair_x, pair_y, pair_qx, pair_qy
-):
+    count: int,
+    reach_x: np.float32,
+    reach_y: np.float32,
+    lens: NDArray[np.int64],
+    x: NDArray[np.float32],
+    y: NDArray[np.float32],
+    qx: NDArray[np.float32],
+    qy: NDArray[np.float32],
+    pairs: int,
+    pair_voxel: NDArray[np.int32],
+    pair_lens: NDArray[np.int64],
+    pair_x: NDArray[np.float32],
+    pair_y: NDArray[np.float32],
+    pair_qx: NDArray[np.float32],
+    pair_qy: NDArray[np.float32],
+) -> int:
     """Append to the pairs those voxels of a slot that meet their lens; returns the new number of pairs."""
     for k in range(count):
         pair_voxel[pairs], pair_lens[pairs] = k, lens[k]
@@ -69,7 +104,20 @@ def collect(
 
 
 @part
-def pair_shares(cam, plane, rule, rim, share, pairs, lens, x, y, qx, qy, weight):
+def pair_shares(
+    cam: CameraConstants,
+    plane: Plane,
+    rule: int,
+    rim: bool,
+    share: NDArray[np.float32],
+    pairs: int,
+    lens: NDArray[np.int64],
+    x: NDArray[np.float32],
+    y: NDArray[np.float32],
+    qx: NDArray[np.float32],
+    qy: NDArray[np.float32],
+    weight: NDArray[np.float32],
+) -> None:
     """The share of its lens' pixel that the voxel of each pair gives, into ``weight``."""
     if rule == ONE_RAY:
         for k in range(pairs):
@@ -89,7 +137,19 @@ def pair_shares(cam, plane, rule, rim, share, pairs, lens, x, y, qx, qy, weight)
 
 
 @part
-def block_begin(cam, plane, m, n, count, column, row, cx, cy, j_of, high):
+def block_begin(
+    cam: CameraConstants,
+    plane: Plane,
+    m: np.float32,
+    n: np.float32,
+    count: int,
+    column: NDArray[np.int32],
+    row: NDArray[np.int32],
+    cx: NDArray[np.float32],
+    cy: NDArray[np.float32],
+    j_of: NDArray[np.int64],
+    high: np.float32,
+) -> None:
     """Voxels of a block in cells from lens (0, 0), seen through the view's nominal portion, and their first row of
     lenses."""
     spacing = plane.pitch * cam.row
@@ -101,7 +161,16 @@ def block_begin(cam, plane, m, n, count, column, row, cx, cy, j_of, high):
 
 
 @part
-def block_columns(cam, plane, count, cx, j_of, dj, wide, first_i):
+def block_columns(
+    cam: CameraConstants,
+    plane: Plane,
+    count: int,
+    cx: NDArray[np.float32],
+    j_of: NDArray[np.int64],
+    dj: int,
+    wide: np.float32,
+    first_i: NDArray[np.int64],
+) -> None:
     """First lens of the window in its row ``dj``, for each voxel of a block."""
     for k in range(count):
         odd = F((j_of[k] + dj) & 1) if cam.hexagonal else F(0)
@@ -109,7 +178,16 @@ def block_columns(cam, plane, count, cx, j_of, dj, wide, first_i):
 
 
 @part
-def fill_block(plane_end, start, row, ny, row_start, column, block_column, block_row):
+def fill_block(
+    plane_end: int,
+    start: int,
+    row: int,
+    ny: int,
+    row_start: NDArray[np.int64],
+    column: NDArray[np.uint16],
+    block_column: NDArray[np.int32],
+    block_row: NDArray[np.int32],
+) -> tuple[int, int]:
     """The next block of listed voxels of a plane from voxel ``start`` in ``row``; returns their number and the row
     reached."""
     count = 0
@@ -124,9 +202,27 @@ def fill_block(plane_end, start, row, ny, row_start, column, block_column, block
 
 @kernel
 def walk(
-    begin, end, cam, box, clock, table, ny, rule, rim, m, n, share, chunks, row_start, column, values, image, partial,
-    out, scatter,
-):  # fmt: skip
+    begin: int,
+    end: int,
+    cam: CameraConstants,
+    box: tuple[int, int, int, int],
+    clock: NDArray[np.int64],
+    table: NDArray[np.float32],
+    ny: int,
+    rule: int,
+    rim: bool,
+    m: np.float32,
+    n: np.float32,
+    share: NDArray[np.float32],
+    chunks: NDArray[np.int64],
+    row_start: NDArray[np.int64],
+    column: NDArray[np.uint16],
+    values: NDArray[np.float32],
+    image: NDArray[np.float32],
+    partial: NDArray[np.float32],
+    out: NDArray[np.float32],
+    scatter: bool,
+) -> None:
     """The listed voxels and the lenses that each lights in one view.
 
     ``scatter``: add the voxels' light to ``partial`` (chunk, lens). Otherwise: the share-weighted sum of ``image``

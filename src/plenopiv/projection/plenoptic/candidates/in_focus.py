@@ -61,7 +61,7 @@ def rule_out_together(
 
 
 @inlined
-def nearest(hexagonal, row, a, b):
+def nearest(hexagonal: bool, row: float, a: float, b: float) -> tuple[int, int]:
     """The lens (i, j) whose cell holds lattice coordinates (pitches), as ``Lattice.nearest``."""
     j = floor(b / row) if hexagonal else floor(b + 0.5)
     i = floor(a - 0.5 * (j & 1) + 0.5) if hexagonal else floor(a + 0.5)
@@ -75,7 +75,23 @@ def nearest(hexagonal, row, a, b):
 
 
 @kernel
-def judge_together(begin, end, hexagonal, row, c, s, box, at_s, at_t, half_s, half_t, bound, counts, views, alive):
+def judge_together(
+    begin: int,
+    end: int,
+    hexagonal: bool,
+    row: float,
+    c: float,
+    s: float,
+    box: tuple[int, int, int, int],
+    at_s: NDArray[np.float64],
+    at_t: NDArray[np.float64],
+    half_s: float,
+    half_t: float,
+    bound: NDArray[np.float32],
+    counts: float,
+    views: NDArray[np.int64],
+    alive: NDArray[np.uint8],
+) -> None:
     """``rule_out_together`` for rows ``begin`` to ``end``. ``at_s`` and ``at_t``: a plane's voxels on the microlens
     plane, from lens (0, 0); ``c`` and ``s``: cosine and sine of the lattice's rotation by its pitch."""
     lenses = np.empty(9, np.int64)

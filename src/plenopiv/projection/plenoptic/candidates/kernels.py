@@ -7,8 +7,10 @@ such pixels cost time, and no two threads own the same plane.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plenopiv.kernels import borrowed, inlined, kernel, part
+from plenopiv.projection.plenoptic.geometry import CameraConstants, Plane
 from plenopiv.projection.plenoptic.pixel_weights import (
     EXACT,
     ONE_RAY,
@@ -31,13 +33,29 @@ TOGETHER = 4  # rows of voxels looked at together, and views between one summary
 
 
 @inlined
-def outward(x, by):
+def outward(x: np.float32, by: np.float32) -> np.float32:
     """``x`` moved away from 0."""
     return x + by if x >= F(0) else x - by
 
 
 @part
-def row_weights(cam, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, out_x, out_y, n, weight):
+def row_weights(
+    cam: CameraConstants,
+    plane: Plane,
+    rule: int,
+    rim: bool,
+    share: np.float32,
+    qx: np.float32,
+    qy: np.float32,
+    x0: np.float32,
+    y0: np.float32,
+    step_x: np.float32,
+    step_y: np.float32,
+    out_x: np.float32,
+    out_y: np.float32,
+    n: int,
+    weight: NDArray[np.float32],
+) -> None:
     """Shares of a pixel for voxels in a row: voxel i lies (x0 + i step_x, y0 + i step_y) cells off its footprint's
     centre.
 
@@ -65,7 +83,9 @@ def row_weights(cam, plane, rule, rim, share, qx, qy, x0, y0, step_x, step_y, ou
 
 
 @part
-def footprint_of(cam, plane, s, t, qx, qy):
+def footprint_of(
+    cam: CameraConstants, plane: Plane, s: np.float32, t: np.float32, qx: np.float32, qy: np.float32
+) -> tuple[np.float32, np.float32]:
     """Where a pixel's light comes from in a plane: the middle of its footprint, voxels along x and y."""
     cx = plane.voxel_s * s + plane.step_x * qx - cam.x0
     cy = plane.voxel_t * t + plane.step_y * qy - cam.y0
@@ -73,7 +93,7 @@ def footprint_of(cam, plane, s, t, qx, qy):
 
 
 @part
-def weight_sums(cam, plane):
+def weight_sums(cam: CameraConstants, plane: Plane) -> tuple[float, float, np.float32]:
     """Over all places of a voxel in a plane, the integrals of its share of a pixel and of the share's square
     (cells^2), and the largest share."""
     wide, high = reach_of(cam, plane, np.int64(EXACT))
@@ -91,14 +111,16 @@ def weight_sums(cam, plane):
 
 
 @kernel
-def weight_sums_of_planes(begin, end, cam, table, out):
+def weight_sums_of_planes(
+    begin: int, end: int, cam: CameraConstants, table: NDArray[np.float32], out: NDArray[np.float64]
+) -> None:
     """``weight_sums`` of planes ``begin`` to ``end`` of ``table`` into ``out`` (nz, 3)."""
     for k in range(begin, end):
         out[k, 0], out[k, 1], out[k, 2] = weight_sums(cam, plane_of(table, k))
 
 
 @part
-def any_alive(row):
+def any_alive(row: NDArray[np.uint8]) -> np.bool_:
     """Whether a stretch of a row holds a voxel that is not ruled out."""
     found = np.uint8(0)
     for i in range(row.size):
@@ -107,7 +129,7 @@ def any_alive(row):
 
 
 @part
-def summarise(where, left):
+def summarise(where: NDArray[np.uint8], left: NDArray[np.uint8]) -> None:
     """``left`` (ceil(ny / TOGETHER), nx): where any of TOGETHER rows of ``where`` (ny, nx) holds a voxel."""
     left[:] = np.uint8(0)
     for j in range(where.shape[0]):
@@ -118,9 +140,24 @@ def summarise(where, left):
 
 @kernel
 def rule_out(
-    begin, end, turns, cam, table, largest, rule, rim, offsets, order, lens_mm, phase, fill, bound, particle, blur,
-    alive,
-):  # fmt: skip
+    begin: int,
+    end: int,
+    turns: NDArray[np.int64],
+    cam: CameraConstants,
+    table: NDArray[np.float32],
+    largest: NDArray[np.float32],
+    rule: int,
+    rim: NDArray[np.bool_],
+    offsets: NDArray[np.int32],
+    order: NDArray[np.int64],
+    lens_mm: NDArray[np.float32],
+    phase: NDArray[np.float32],
+    fill: NDArray[np.float32],
+    bound: NDArray[np.float32],
+    particle: np.float32,
+    blur: NDArray[np.float32],
+    alive: NDArray[np.uint8],
+) -> None:
     """Rule out voxels that would light a pixel more than ``bound`` (view, lens) allows, in counts.
 
     Of planes ``turns[begin:end]``. ``alive``: uint8 (planes, ny, nx + LANES), 1 for voxels not ruled out. ``table`` and

@@ -12,6 +12,9 @@ and its transpose.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from typing import Any
+
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
@@ -20,6 +23,7 @@ from plenopiv.projection.plenoptic.plane_maps.simd import (
     INDEX,
     LANE,
     LANES,
+    Intrinsic,
     data_of,
     in_all_lanes,
     load_vector,
@@ -30,12 +34,12 @@ PAIR = ir.VectorType(ir.FloatType(), 2)
 CONTRACT = ("contract",)
 
 
-def _order(numbers):
+def _order(numbers: Iterable[int]) -> ir.Constant:
     lanes = list(numbers)
     return ir.Constant(ir.VectorType(LANE, len(lanes)), lanes)
 
 
-def _joined(builder, parts):
+def _joined(builder: ir.IRBuilder, parts: Sequence[ir.Value]) -> ir.Value:
     """Vectors end to end."""
     while len(parts) > 1:
         size = 2 * parts[0].type.count
@@ -45,22 +49,22 @@ def _joined(builder, parts):
     return parts[0]
 
 
-def _pair_at(builder, values, point):
+def _pair_at(builder: ir.IRBuilder, values: ir.Value, point: ir.Value) -> ir.Value:
     return builder.bitcast(builder.gep(values, [point]), PAIR.as_pointer())
 
 
-def _load_pair(builder, start):
+def _load_pair(builder: ir.IRBuilder, start: ir.Value) -> ir.Value:
     pair = builder.load(start)
     pair.align = 4
     return pair
 
 
-def _mixed(builder, a, b, share):
+def _mixed(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, share: ir.Value) -> ir.Value:
     """a + share (b - a)"""
     return builder.fadd(a, builder.fmul(share, builder.fsub(b, a), flags=CONTRACT), flags=CONTRACT)
 
 
-def _points(builder, at, offset):
+def _points(builder: ir.IRBuilder, at: ir.Value, offset: ir.Value) -> list[ir.Value]:
     """The point above and to the left of each of LANES places."""
     return [
         builder.zext(builder.load(builder.gep(at, [builder.add(offset, ir.Constant(INDEX, lane))])), INDEX)
@@ -69,13 +73,25 @@ def _points(builder, at, offset):
 
 
 @intrinsic
-def read_places(typing, values, width, at, across, along, share, offset, factor, image, begin):
+def read_places(
+    typing: Any,
+    values: types.Array,
+    width: types.Integer,
+    at: types.Array,
+    across: types.Array,
+    along: types.Array,
+    share: types.Array,
+    offset: types.Integer,
+    factor: types.Float,
+    image: types.Array,
+    begin: types.Integer,
+) -> Intrinsic:
     """Add ``factor * share`` times what ``values`` (rows of ``width``) are at LANES places to ``image`` from ``begin``.
     Places are those from ``offset`` on of ``at`` (int32), ``across``, ``along`` and ``share``; nothing is checked."""
     arrays = at, across, along, share
     signature = types.void(values, types.int64, *arrays, types.int64, types.float32, image, types.int64)
 
-    def generate(context, builder, signature, arguments):
+    def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Sequence[ir.Value]) -> ir.Value:
         kinds = signature.args
         values, at, across, along, share, image = (
             data_of(context, builder, kinds[n], arguments[n]) for n in (0, 2, 3, 4, 5, 8)
@@ -102,13 +118,24 @@ def read_places(typing, values, width, at, across, along, share, offset, factor,
 
 
 @intrinsic
-def write_places(typing, image, begin, at, across, along, share, offset, values, width):
+def write_places(
+    typing: Any,
+    image: types.Array,
+    begin: types.Integer,
+    at: types.Array,
+    across: types.Array,
+    along: types.Array,
+    share: types.Array,
+    offset: types.Integer,
+    values: types.Array,
+    width: types.Integer,
+) -> Intrinsic:
     """The transpose of ``read_places`` but for its factor: add ``share`` times the LANES numbers of ``image`` from
     ``begin`` on to ``values``, one place after the other."""
     arrays = at, across, along, share
     signature = types.void(image, types.int64, *arrays, types.int64, values, types.int64)
 
-    def generate(context, builder, signature, arguments):
+    def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Sequence[ir.Value]) -> ir.Value:
         kinds = signature.args
         image, at, across, along, share, values = (
             data_of(context, builder, kinds[n], arguments[n]) for n in (0, 2, 3, 4, 5, 7)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import kernel
-from plenopiv.projection.plenoptic.geometry import column_of
+from plenopiv.projection.plenoptic.geometry import CameraConstants, column_of
 from plenopiv.projection.plenoptic.pixel_weights import EXACT, area_of, box_of, plane_of
 from plenopiv.projection.plenoptic.plane_maps.simd import LANES
 from plenopiv.threads import in_threads
@@ -32,6 +32,9 @@ SHARP = ((3, 1.0), (2, 2.5))  # points to a voxel where that ramp is shorter tha
 MOST_PARTS = 6  # outer products
 PART = 3e-4  # of the largest, below which one is left out
 F = np.float32
+
+MapShape = tuple[int, int, int, int, int, int]  # of a plane, as in ``Maps.shape``
+MapSize = tuple[int, int, np.float32]  # rows and columns of a map, points to a voxel
 
 
 class Maps(NamedTuple):
@@ -49,7 +52,9 @@ class Maps(NamedTuple):
     parts: NDArray[np.float32]
 
 
-def maps(cam, table: NDArray[np.float32], grid_shape: tuple[int, int, int], across: float = ACROSS) -> Maps:
+def maps(
+    cam: CameraConstants, table: NDArray[np.float32], grid_shape: tuple[int, int, int], across: float = ACROSS
+) -> Maps:
     """The maps of the planes of ``table`` (``geometry.planes``) of a camera ``cam`` (``geometry.rows``), with at least
     ``across`` points across a footprint."""
     nz, ny, nx = grid_shape
@@ -128,7 +133,7 @@ def single_planes(table: NDArray[np.float32]) -> Read:
     return Read(table, np.arange(len(table) + 1))
 
 
-def in_twos(cam, found: Maps, table: NDArray[np.float32], first: int) -> Read:
+def in_twos(cam: CameraConstants, found: Maps, table: NDArray[np.float32], first: int) -> Read:
     """Neighbouring planes off one map, half-way between them, where its points are more than a voxel apart and light at
     the aperture's rim moves less than MOVED from one to that middle: planes of even number with the next (``first``
     0), or with the one before (1)."""
@@ -151,7 +156,7 @@ def widest(found: Maps) -> tuple[float, float]:
 
 
 @kernel
-def footprint_box(cam, table, reach):
+def footprint_box(cam: CameraConstants, table: NDArray[np.float32], reach: NDArray[np.float32]) -> None:
     """Half widths in voxels of the box around a footprint, and the width of the ramp at its edge, (nz, 3)."""
     for k in range(table.shape[0]):
         plane = plane_of(table, k)
@@ -160,7 +165,16 @@ def footprint_box(cam, table, reach):
 
 
 @kernel
-def tabulate(begin, end, cam, table, shape, start, border, shares):
+def tabulate(
+    begin: int,
+    end: int,
+    cam: CameraConstants,
+    table: NDArray[np.float32],
+    shape: NDArray[np.int64],
+    start: NDArray[np.int64],
+    border: NDArray[np.int64],
+    shares: NDArray[np.float32],
+) -> None:
     """Fill ``shares``: of planes ``begin`` to ``end`` those of a voxel for the points around it, the voxel on a point
     or, where voxels share one, beyond it by their fractions of the step."""
     for k in range(begin, end):

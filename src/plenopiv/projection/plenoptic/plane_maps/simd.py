@@ -14,6 +14,9 @@ in a fixed order.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
@@ -25,20 +28,22 @@ INDEX, LANE = ir.IntType(64), ir.IntType(32)
 VECTOR = ir.VectorType(ir.FloatType(), LANES)
 ZERO = ir.Constant(VECTOR, [0.0] * LANES)
 
+Intrinsic = tuple[Any, Callable[..., ir.Value]]  # signature, and what writes its code
 
-def vector_at(builder, start, offset):
+
+def vector_at(builder: ir.IRBuilder, start: ir.Value, offset: ir.Value) -> ir.Value:
     """Where LANES numbers from ``offset`` on begin."""
     return builder.bitcast(builder.gep(start, [offset]), VECTOR.as_pointer())
 
 
-def load_vector(builder, start, offset):
+def load_vector(builder: ir.IRBuilder, start: ir.Value, offset: ir.Value) -> ir.Value:
     """Those numbers."""
     vector = builder.load(vector_at(builder, start, offset))
     vector.align = 4
     return vector
 
 
-def in_all_lanes(builder, number):
+def in_all_lanes(builder: ir.IRBuilder, number: ir.Value) -> ir.Value:
     """A vector of LANES times the same number."""
     vector = ir.Constant(VECTOR, ir.Undefined)
     for lane in range(LANES):
@@ -46,12 +51,20 @@ def in_all_lanes(builder, number):
     return vector
 
 
-def data_of(context, builder, kind, array):
+def data_of(context: Any, builder: ir.IRBuilder, kind: types.Array, array: ir.Value) -> ir.Value:
     """Where the numbers of an array begin."""
     return context.make_array(kind)(context, builder, array).data
 
 
-def _for_each_row(builder, columns, rows, shares, values, nx, work):
+def _for_each_row(
+    builder: ir.IRBuilder,
+    columns: ir.Value,
+    rows: ir.Value,
+    shares: ir.Value,
+    values: ir.Value,
+    nx: ir.Value,
+    work: Callable[[int, ir.Value, ir.Value], None],
+) -> None:
     """``work(vectors, share, value)`` for each row, with pointers to its first share and value and the number of
     vectors in a row; where these are more than WIDEST, for one vector after the other."""
     for vectors in range(1, WIDEST + 1):
@@ -68,12 +81,21 @@ def _for_each_row(builder, columns, rows, shares, values, nx, work):
 
 
 @intrinsic
-def row_products(typing, shares, at, columns, values, begin, nx, rows):
+def row_products(
+    typing: Any,
+    shares: types.Array,
+    at: types.Integer,
+    columns: types.Integer,
+    values: types.Array,
+    begin: types.Integer,
+    nx: types.Integer,
+    rows: types.Integer,
+) -> Intrinsic:
     """Sum of ``rows`` x ``columns`` products of float32 ``shares`` (a pattern at ``at``) and ``values`` (rows of ``nx``
     from ``begin``). ``columns`` is a multiple of LANES; nothing is checked."""
     signature = types.float32(shares, types.int64, types.int64, values, types.int64, types.int64, types.int64)
 
-    def generate(context, builder, signature, arguments):
+    def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Sequence[ir.Value]) -> ir.Value:
         one, at, columns, two, begin, nx, rows = arguments
         one = builder.gep(data_of(context, builder, signature.args[0], one), [at])
         two = builder.gep(data_of(context, builder, signature.args[3], two), [begin])
@@ -81,7 +103,7 @@ def row_products(typing, shares, at, columns, values, begin, nx, rows):
         for total in sums:  # the stack's slot is filled once, on entry
             builder.store(ZERO, total)
 
-        def multiply(vectors, share, value):
+        def multiply(vectors: int, share: ir.Value, value: ir.Value) -> None:
             for n in range(vectors):
                 offset = ir.Constant(INDEX, n * LANES)
                 product = builder.fmul(
@@ -102,18 +124,28 @@ def row_products(typing, shares, at, columns, values, begin, nx, rows):
 
 
 @intrinsic
-def add_products(typing, shares, at, columns, factor, values, begin, nx, rows):
+def add_products(
+    typing: Any,
+    shares: types.Array,
+    at: types.Integer,
+    columns: types.Integer,
+    factor: types.Float,
+    values: types.Array,
+    begin: types.Integer,
+    nx: types.Integer,
+    rows: types.Integer,
+) -> Intrinsic:
     """Add ``factor`` times ``rows`` x ``columns`` of ``shares`` to ``values``, laid out as for ``row_products``."""
     integers = types.int64, types.int64
     signature = types.void(shares, *integers, types.float32, values, *integers, types.int64)
 
-    def generate(context, builder, signature, arguments):
+    def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Sequence[ir.Value]) -> ir.Value:
         one, at, columns, factor, two, begin, nx, rows = arguments
         one = builder.gep(data_of(context, builder, signature.args[0], one), [at])
         two = builder.gep(data_of(context, builder, signature.args[4], two), [begin])
         factors = in_all_lanes(builder, factor)
 
-        def add(vectors, share, value):
+        def add(vectors: int, share: ir.Value, value: ir.Value) -> None:
             for n in range(vectors):
                 offset = ir.Constant(INDEX, n * LANES)
                 product = builder.fmul(load_vector(builder, share, offset), factors, flags=("contract",))

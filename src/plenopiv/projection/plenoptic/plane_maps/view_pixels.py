@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import inlined, kernel, part
+from plenopiv.projection.plenoptic.geometry import CameraConstants
 from plenopiv.projection.plenoptic.pixel_weights import plane_of
 
 F = np.float32
@@ -32,14 +33,16 @@ class Views(NamedTuple):
 
 
 @inlined
-def lit_length(radius, base, v):
+def lit_length(radius: np.float32, base: np.float32, v: np.float32) -> np.float32:
     """How much of a pixel's line at ``v`` lies inside the rim, which is ``base`` px further out than its middle."""
     edge = sqrt(max(radius * radius - v * v, F(0.01))) - base
     return max(min(edge, F(0.5)), F(-0.5)) + F(0.5)
 
 
 @part
-def lit_part(radius, spread, qx, qy):
+def lit_part(
+    radius: np.float32, spread: np.float32, qx: np.float32, qy: np.float32
+) -> tuple[np.float32, np.float32, np.float32]:
     """Lit share of a pixel at q that the rim may cut, and q of its lit part's middle, in a plane of a ``spread`` A."""
     along_x = abs(qx) > abs(qy)
     u, v = abs(qx) if along_x else abs(qy), qy if along_x else qx
@@ -52,7 +55,18 @@ def lit_part(radius, spread, qx, qy):
 
 
 @kernel
-def meeting(cam, plane_ends, seen, by_row, lens_mm, phase, m, n, size, found):
+def meeting(
+    cam: CameraConstants,
+    plane_ends: NDArray[np.float32],
+    seen: NDArray[np.bool_],
+    by_row: NDArray[np.int64],
+    lens_mm: NDArray[np.float32],
+    phase: NDArray[np.float32],
+    m: np.float32,
+    n: np.float32,
+    size: NDArray[np.float32],
+    found: NDArray[np.int32],
+) -> int:
     """The lenses whose pixel at (m, n) is an equation and may meet a voxel, into ``found``, in the order ``by_row``;
     returns their number. ``plane_ends``: the first and the last plane, between which light runs straight; ``size``:
     columns and rows of voxels, and half the width and height of the widest footprint."""
@@ -77,7 +91,20 @@ def meeting(cam, plane_ends, seen, by_row, lens_mm, phase, m, n, size, found):
 
 
 @kernel
-def look(cam, lenses, m, n, rim, lens_mm, phase, first, last, begin, end, pixels):
+def look(
+    cam: CameraConstants,
+    lenses: NDArray[np.int32],
+    m: np.float32,
+    n: np.float32,
+    rim: bool,
+    lens_mm: NDArray[np.float32],
+    phase: NDArray[np.float32],
+    first: np.float32,
+    last: np.float32,
+    begin: int,
+    end: int,
+    pixels: NDArray[np.float32],
+) -> None:
     """The pixels of a view that are equations, ``lenses``, as ``pixels`` (8, begin : end): s, t; q along x and y
     and lit share in the plane of A = ``first``; their change per unit of A, which is all but linear up to ``last``."""
     per_unit = F(1) / (last - first) if last != first else F(0)

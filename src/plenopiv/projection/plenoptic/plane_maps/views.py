@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -88,12 +90,19 @@ class MappedViews:
             self._met[view], self._kept = found, self._kept + found.size
         return found
 
-    def _kernel_arguments(self, views: NDArray[np.int64], volume: SparseVolume, pixels: Views):
+    def _kernel_arguments(self, views: NDArray[np.int64], volume: SparseVolume, pixels: Views) -> tuple[Any, ...]:
         about = self.maps, self.workspace, pixels, self.grid.shape[1]
         read = self.in_twos[views[0] % 2] if len(views) > 1 else self.alone  # either two, at random
         return self.cam, *read, *about, volume.row_start, volume.column
 
-    def _gather(self, views: NDArray[np.int64], images, volume: SparseVolume, multiply: int, out) -> None:
+    def _gather(
+        self,
+        views: NDArray[np.int64],
+        images: NDArray[np.float32],
+        volume: SparseVolume,
+        multiply: int,
+        out: NDArray[np.float32],
+    ) -> None:
         lenses, pixels = self.look(views)
         corrections = images[_of_view(pixels), lenses].astype(np.float32)
         arguments = *self._kernel_arguments(views, volume, pixels), corrections, multiply, out

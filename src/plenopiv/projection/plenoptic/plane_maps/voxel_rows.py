@@ -8,9 +8,11 @@ line first, and that line then into the rows of the map: which is taken is decid
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plenopiv.kernels import inlined, kernel, part
 from plenopiv.projection.correction import factor_of
+from plenopiv.projection.plenoptic.plane_maps.maps import MapShape
 from plenopiv.projection.plenoptic.plane_maps.simd import add_products, row_products
 
 F = np.float32
@@ -18,7 +20,7 @@ LINE = F(0.8)  # of a product of a voxel, what one along a line costs
 
 
 @inlined
-def pays(shape, rank, listed):
+def pays(shape: MapShape, rank: int, listed: int) -> bool | np.bool_:
     """Whether a row with so many listed voxels is cheaper by ``rank`` outer products; forward and back alike, so that
     they stay transposes of one another."""
     _, width, rows, columns, _, shift = shape
@@ -27,14 +29,16 @@ def pays(shape, rank, listed):
 
 
 @part
-def add_line(source, factor, count, out):
+def add_line(source: NDArray[np.float32], factor: np.float32, count: int, out: NDArray[np.float32]) -> None:
     """Add ``factor`` times a line to ``out``."""
     for x in range(count):
         out[x] += factor * source[x]
 
 
 @part
-def parts_of(factors, shape, j, r):
+def parts_of(
+    factors: NDArray[np.float32], shape: MapShape, j: int, r: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """The r-th outer product of a plane: its column for the voxels of row j, and its rows."""
     _, _, rows, columns, points, shift = shape
     voxels = 1 << shift
@@ -43,13 +47,13 @@ def parts_of(factors, shape, j, r):
 
 
 @inlined
-def first_line(shape, j):
+def first_line(shape: MapShape, j: int) -> int:
     """The first row of its map that the voxels of row j of a plane reach."""
     return ((shape[4] * j) >> shape[5]) + 2
 
 
 @inlined
-def apart(n, count):
+def apart(n: int, count: int) -> int:
     """The n-th of so many voxels to spread: neighbours in the list come one after the other in time only once in four,
     as what one has just stored the other would wait for."""
     quarter = count // 4
@@ -57,7 +61,19 @@ def apart(n, count):
 
 
 @part
-def spread_lines(factors, rank, shape, j, column, values, first, last, strip, line, spare):
+def spread_lines(
+    factors: NDArray[np.float32],
+    rank: int,
+    shape: MapShape,
+    j: int,
+    column: NDArray[np.uint16],
+    values: NDArray[np.float32],
+    first: int,
+    last: int,
+    strip: NDArray[np.float32],
+    line: int,
+    spare: NDArray[np.float32],
+) -> None:
     """Spread the listed voxels ``first`` to ``last`` of row j of a plane by its outer products; ``line``: where the
     shares of the voxel in column 0 begin; ``spare``: working memory for a few lines."""
     _, width, rows, columns, points, shift = shape
@@ -74,7 +90,18 @@ def spread_lines(factors, rank, shape, j, column, values, first, last, strip, li
 
 
 @kernel
-def spread_rows(own, shape, begin, end, top, row_start, column, values, strip, spare):
+def spread_rows(
+    own: tuple[NDArray[np.float32], NDArray[np.float32], int],
+    shape: MapShape,
+    begin: int,
+    end: int,
+    top: int,
+    row_start: NDArray[np.int64],
+    column: NDArray[np.uint16],
+    values: NDArray[np.float32],
+    strip: NDArray[np.float32],
+    spare: NDArray[np.float32],
+) -> None:
     """Spread the listed voxels of rows ``begin`` to ``end`` of a plane into the strip of its map that begins with row
     ``top``. ``own``: the plane's shares, its outer products and their number."""
     shares, factors, rank = own
@@ -98,7 +125,20 @@ def spread_rows(own, shape, begin, end, top, row_start, column, values, strip, s
 
 
 @part
-def sum_lines(factors, rank, shape, j, column, first, last, strip, line, spare, multiply, out):
+def sum_lines(
+    factors: NDArray[np.float32],
+    rank: int,
+    shape: MapShape,
+    j: int,
+    column: NDArray[np.uint16],
+    first: int,
+    last: int,
+    strip: NDArray[np.float32],
+    line: int,
+    spare: NDArray[np.float32],
+    multiply: int,
+    out: NDArray[np.float32],
+) -> None:
     """The transpose of ``spread_lines``, into ``out`` as ``sum_rows``."""
     _, width, rows, columns, points, shift = shape
     voxels = 1 << shift
@@ -119,7 +159,19 @@ def sum_lines(factors, rank, shape, j, column, first, last, strip, line, spare, 
 
 
 @kernel
-def sum_rows(own, shape, begin, end, top, row_start, column, strip, spare, multiply, out):
+def sum_rows(
+    own: tuple[NDArray[np.float32], NDArray[np.float32], int],
+    shape: MapShape,
+    begin: int,
+    end: int,
+    top: int,
+    row_start: NDArray[np.int64],
+    column: NDArray[np.uint16],
+    strip: NDArray[np.float32],
+    spare: NDArray[np.float32],
+    multiply: int,
+    out: NDArray[np.float32],
+) -> None:
     """Sum around the listed voxels of rows of a plane, the transpose of ``spread_rows``, into ``out``; with
     ``multiply``, a number of views, ``out`` times ``factor_of`` it."""
     shares, factors, rank = own
