@@ -72,16 +72,24 @@ class Lattice:
 
     def nearest(self, s_mm: ArrayLike, t_mm: ArrayLike) -> tuple[NDArray, NDArray]:
         """The lens (i, j) whose cell holds each point (s, t) in mm."""
-        a, b = self.coordinates(s_mm, t_mm)
-        if self.kind == "square":
-            return np.rint(a).astype(np.int64), np.rint(b).astype(np.int64)
-        lower = np.floor(b / self.row_spacing).astype(np.int64)
-        below, above = (self._nearest_in_row(a, b, j) for j in (lower, lower + 1))
-        closer = above[1] < below[1]
-        return np.where(closer, above[0], below[0]), np.where(closer, lower + 1, lower)
+        i, j = nearest_lens(self.kind == "hexagonal", self.row_spacing, *self.coordinates(s_mm, t_mm))
+        return i.astype(np.int64), j.astype(np.int64)
 
-    def _nearest_in_row(self, a: NDArray, b: NDArray, j: NDArray) -> tuple[NDArray, NDArray]:
-        """Number of the nearest lens of row ``j`` and its squared distance in pitches."""
-        half = 0.5 * (j & 1)
-        i = np.rint(a - half).astype(np.int64)
-        return i, (a - i - half) ** 2 + (b - j * self.row_spacing) ** 2
+
+def nearest_lens(hexagonal: bool, row_spacing: float, a: NDArray, b: NDArray) -> tuple[NDArray, NDArray]:
+    """The lens (i, j), whole numbers in floating point, whose cell holds lattice coordinates (a, b) in pitches.
+
+    Of a hexagonal lattice it is the nearer of two, one in the row below the point and one in the row above. Arithmetic
+    alone, so that it takes arrays here and is compiled for single numbers by ``plenopiv.kernels`` where candidates are
+    judged.
+    """
+    if not hexagonal:
+        return np.rint(a), np.rint(b)
+    low = np.floor(b / row_spacing)
+    low_shift = 0.5 * (low - 2.0 * np.floor(0.5 * low))  # odd rows are shifted by half a pitch
+    high, high_shift = low + 1.0, 0.5 - low_shift
+    low_i, high_i = np.rint(a - low_shift), np.rint(a - high_shift)
+    to_low = (a - low_i - low_shift) ** 2 + (b - low * row_spacing) ** 2
+    to_high = (a - high_i - high_shift) ** 2 + (b - high * row_spacing) ** 2
+    nearer = to_high < to_low
+    return low_i + nearer * (high_i - low_i), low + nearer

@@ -11,15 +11,18 @@ Away from focus the borders lie elsewhere for each view, and others judge the vo
 
 from __future__ import annotations
 
-from math import cos, floor, sin
+from math import cos, sin
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import inlined, kernel
+from plenopiv.lattice import nearest_lens
 from plenopiv.lightfield import Layout
 from plenopiv.threads import in_threads
 from plenopiv.volume import VoxelGrid
+
+nearest = inlined(nearest_lens)
 
 
 def borders_coincide(layout: Layout, grid: VoxelGrid, plane: int) -> bool:
@@ -60,20 +63,6 @@ def rule_out_together(
     in_threads(judge_together, alive.shape[0], *about, box, s, t, half_x, half_y, bound, counts, views, alive)
 
 
-@inlined
-def nearest(hexagonal: bool, row: float, a: float, b: float) -> tuple[int, int]:
-    """The lens (i, j) whose cell holds lattice coordinates (pitches), as ``Lattice.nearest``."""
-    j = floor(b / row) if hexagonal else floor(b + 0.5)
-    i = floor(a - 0.5 * (j & 1) + 0.5) if hexagonal else floor(a + 0.5)
-    if hexagonal:
-        other = floor(a - 0.5 * ((j + 1) & 1) + 0.5)
-        here = (a - i - 0.5 * (j & 1)) ** 2 + (b - j * row) ** 2
-        above = (a - other - 0.5 * ((j + 1) & 1)) ** 2 + (b - (j + 1) * row) ** 2
-        if above < here:
-            i, j = other, j + 1
-    return i, j
-
-
 @kernel
 def judge_together(
     begin: int,
@@ -102,8 +91,8 @@ def judge_together(
             touched, known = 0, True
             for point in range(9):
                 u, v = at_s[k] + half_s * (point % 3 - 1), at_t[r] + half_t * (point // 3 - 1)
-                i, j = nearest(hexagonal, row, c * u + s * v, c * v - s * u)
-                i, j = i - box[0], j - box[1]
+                at_i, at_j = nearest(hexagonal, row, c * u + s * v, c * v - s * u)
+                i, j = int(at_i) - box[0], int(at_j) - box[1]
                 known &= 0 <= i < box[2] and 0 <= j < box[3]  # beyond them nothing is known
                 new, lens = True, j * box[2] + i
                 for n in range(touched):
