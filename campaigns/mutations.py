@@ -204,8 +204,11 @@ def main(given: list[str] | None = None) -> int:
         else:
             results = Results(options.results)
             plan = Campaign(Plan(ROOT, options.seed, options.count), results, options).plan
-            TABLE.write_text(table(plan, results, equivalents(EQUIVALENT), options.seed), encoding="utf-8")
+            known = equivalents(EQUIVALENT)
+            TABLE.write_text(table(plan, results, known, options.seed), encoding="utf-8")
             print(f"wrote {TABLE.relative_to(ROOT)}")
+            for key, _ in set(known) - {(m.key, m.becomes) for m in plan.mutants}:
+                print(f"{EQUIVALENT.name} has a mutant that is not drawn, or is another by now: {key}")
     except (PlanError, RunError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
