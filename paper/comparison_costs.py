@@ -90,6 +90,6 @@ def announced(setting: Comparison, names: Sequence[str]) -> dict[str, str]:
         peak, seconds = cost(own)
         told[name] = (
             f"{' x '.join(map(str, own.grid.shape[::-1]))} voxels, about {peak / 1e9:.1f} GB and "
-            f"{duration.spoken(seconds)} on {numba.get_num_threads()} threads"
+            f"{duration.as_text(seconds)} on {numba.get_num_threads()} threads"
         )
     return told

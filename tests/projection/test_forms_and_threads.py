@@ -6,7 +6,7 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.plenoptic.plane_maps.kernels import workspace_of
+from plenopiv.projection.plenoptic.plane_maps.kernels import workspace_size
 from plenopiv.projection.plenoptic.plane_maps.maps import ACROSS
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.volume import SparseVolume, VoxelGrid
@@ -67,7 +67,7 @@ def test_strips_change_nothing_but_rounding(strip, threads, monkeypatch):
     assert shape[:, 4].max() > 1
     assert shape[:, 5].max() > 0
     cut = PlenopticProjector(where, fine, "exact")
-    cut.images.workspace = workspace_of(shape, strip)
+    cut.images.workspace = workspace_size(shape, strip)
     rng = np.random.default_rng(4)
     volume = SparseVolume.from_mask(fine, rng.random(fine.shape) < 0.05)
     volume = volume.with_values(rng.random(volume.column.size).astype(np.float32))

@@ -23,7 +23,7 @@ def some_light(projector, seed=0):
 
 
 def counts(projector):
-    return [np.diff(read.first) for read in projector.images.in_twos]
+    return [np.diff(read.first) for read in projector.images.pairs]
 
 
 @pytest.mark.parametrize("side", [-1, 1])
@@ -33,7 +33,7 @@ def test_planes_far_from_focus_are_joined_both_ways(side):
     assert even.sum() == odd.sum() == projector.grid.shape[0] == 14
     assert list(even) == [2] * 7
     assert list(odd) == [1] + [2] * 6 + [1]
-    read = projector.images.in_twos[0]
+    read = projector.images.pairs[0]
     np.testing.assert_allclose(
         read.table, (projector.camera.planes[::2] + projector.camera.planes[1::2]) / 2, rtol=1e-6
     )

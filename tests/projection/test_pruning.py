@@ -9,7 +9,7 @@ from oracles.cameras import small_camera
 from oracles.naive_projection import exact_light, ray_light
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.plenoptic.candidates.kernels import LEAST_SHARE
+from plenopiv.projection.plenoptic.candidates.kernels import LEAST_WEIGHT
 from plenopiv.projection.plenoptic.candidates.rule import judging_views
 from plenopiv.projection.plenoptic.geometry import CameraOnGrid, Plane, planes
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
@@ -61,7 +61,7 @@ def ruled_out(weights, where, grid, bound):
     """Voxels whose light by ``weights`` (voxel, view, lens) exceeds what some one pixel collected."""
     light = planes(where.camera, grid)[:, Plane._fields.index("light")].astype(float)
     light = np.repeat(light, grid.shape[1] * grid.shape[2])[:, None, None]
-    return ((weights * PARTICLE > bound) & (weights > LEAST_SHARE * light)).any((1, 2))
+    return ((weights * PARTICLE > bound) & (weights > LEAST_WEIGHT * light)).any((1, 2))
 
 
 @pytest.mark.parametrize("z", STARTS)

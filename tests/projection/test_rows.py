@@ -5,8 +5,13 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.plenoptic.plane_maps.maps import MOST_PARTS, PART, outer_products
-from plenopiv.projection.plenoptic.plane_maps.voxel_rows import first_line, pays, spread_rows, sum_rows
+from plenopiv.projection.plenoptic.plane_maps.maps import MAX_RANK, RANK_TOLERANCE, outer_products
+from plenopiv.projection.plenoptic.plane_maps.voxel_rows import (
+    first_map_row,
+    separable_is_cheaper,
+    spread_rows,
+    sum_rows,
+)
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.volume import VoxelGrid
 
@@ -29,7 +34,7 @@ def planes_with(maps):
 
 
 def own(maps, k, rank):
-    return maps.shares[maps.start[k, 0] :], maps.parts[maps.start[k, 1] :], rank
+    return maps.weights[maps.start[k, 0] :], maps.factors[maps.start[k, 1] :], rank
 
 
 def row(maps, k, j, listed, rng):
@@ -40,7 +45,7 @@ def row(maps, k, j, listed, rng):
     column = np.sort(rng.choice(NX, listed, replace=False)).astype(np.int32)
     _, width, rows, *_ = maps.shape[k]
     spare = np.empty((1 + (1 << maps.shape[:, 5].max()), maps.shape[:, 1].max()), np.float32)
-    where = j, j + 1, first_line(maps.shape[k], j), row_start, column
+    where = j, j + 1, first_map_row(maps.shape[k], j), row_start, column
     return where, rng.random(listed).astype(np.float32), rng.random((rows + 3) * width).astype(np.float32), spare
 
 
@@ -52,7 +57,7 @@ def test_spread(maps, j):
         slow = strip.copy()
         spread_rows(own(maps, k, maps.rank[k]), tuple(maps.shape[k]), *where, values, strip, spare)
         spread_rows(own(maps, k, 0), tuple(maps.shape[k]), *where, values, slow, spare)
-        assert np.abs(strip - slow).max() < 5 * PART * np.abs(slow).max()
+        assert np.abs(strip - slow).max() < 5 * RANK_TOLERANCE * np.abs(slow).max()
 
 
 @pytest.mark.parametrize("multiply", [0, 4])
@@ -64,13 +69,13 @@ def test_sum(maps, multiply):
         for out, rank in ((fast, maps.rank[k]), (slow, 0)):
             about = own(maps, k, rank), tuple(maps.shape[k]), *where
             sum_rows(*about, strip - np.float32(0.5), spare, multiply, out)
-        np.testing.assert_allclose(fast, slow, atol=5 * PART * np.abs(slow).max())
+        np.testing.assert_allclose(fast, slow, atol=5 * RANK_TOLERANCE * np.abs(slow).max())
 
 
 def test_few_voxels_are_spread_one_by_one(maps):
     for k in planes_with(maps):
-        assert not pays(maps.shape[k], maps.rank[k], 1)
-        assert not pays(maps.shape[k], 0, NX)
+        assert not separable_is_cheaper(maps.shape[k], maps.rank[k], 1)
+        assert not separable_is_cheaper(maps.shape[k], 0, NX)
 
 
 def test_outer_products_of_shares_without_any_are_none():
@@ -83,7 +88,7 @@ def test_outer_products_add_up():
     down, across = rng.random((2, 2, 8)), rng.random((2, 2, 16))  # of two parts, for two voxels to a point
     shares = np.einsum("pyr,pxc->yxrc", down, across).astype(np.float32)
     parts = outer_products(shares)
-    assert len(parts) == 2 <= MOST_PARTS
+    assert len(parts) == 2 <= MAX_RANK
     columns, rows = [p[:16].reshape(2, 8) for p in parts], [p[16:].reshape(2, 16) for p in parts]
     again = sum(np.einsum("yr,xc->yxrc", d, a) for d, a in zip(columns, rows, strict=True))
     np.testing.assert_allclose(again, shares, rtol=1e-3)

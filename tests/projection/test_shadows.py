@@ -9,7 +9,7 @@ from oracles.tomography import SCALE_MM_PX, cubes, four_cameras, shadow_shares
 
 from plenopiv.cameras.pinhole import looking_at
 from plenopiv.errors import PlenoPIVError
-from plenopiv.projection.pinhole.projector import PinholeProjector, sight_of
+from plenopiv.projection.pinhole.projector import PinholeProjector, pinhole_constants
 from plenopiv.sensor import Sensor
 from plenopiv.volume import SparseVolume
 
@@ -78,16 +78,16 @@ def test_the_square_is_as_wide_as_the_box_s_shadow(voxel_mm):
     camera, grid = four_cameras(64, 25.0)[3], cubes(1, 1, 1, voxel_mm)
     points = np.random.default_rng(0).uniform(-0.5, 0.5, (400_000, 3)) * voxel_mm
     pixels = camera.project(points)
-    sight = sight_of(camera, grid)
+    cam = pinhole_constants(camera, grid)
     assert pixels.mean(0) == pytest.approx(camera.project((0, 0, 0)), abs=0.005)
-    sides = 2 * np.array([sight.half_column, sight.half_row])
+    sides = 2 * np.array([cam.half_column, cam.half_row])
     assert pixels.std(0) == pytest.approx(sides / np.sqrt(12), rel=0.005)
 
 
 def test_a_cube_s_shadow_is_a_voxel_wide_from_anywhere():
     for camera in four_cameras(64, 30.0):
-        sight = sight_of(camera, cubes(5, 5, 5))
-        assert 2 * np.array([sight.half_column, sight.half_row]) == pytest.approx([1, 1], rel=1e-4)
+        cam = pinhole_constants(camera, cubes(5, 5, 5))
+        assert 2 * np.array([cam.half_column, cam.half_row]) == pytest.approx([1, 1], rel=1e-4)
 
 
 @pytest.mark.parametrize(

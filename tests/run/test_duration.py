@@ -3,19 +3,19 @@
 import pytest
 
 from plenopiv.displacement.settings import CorrelationSettings, Pass
-from plenopiv.run.duration import estimate, spoken
+from plenopiv.run.duration import as_text, estimate
 
 PASSES = [Pass((32, 32, 16), 0.5)] * 2
 
 
 def guess(experiment, **changes):
-    settings = {"rounds": 5, "passes": PASSES, "threads": 2} | changes
+    settings = {"iterations": 5, "passes": PASSES, "threads": 2} | changes
     return estimate(experiment.camera(), experiment.grid(), **settings)
 
 
 def test_what_takes_longer(experiment):
     usual = guess(experiment)
-    assert usual.frame > guess(experiment, rounds=3).frame > guess(experiment, rounds=1).frame
+    assert usual.frame > guess(experiment, iterations=3).frame > guess(experiment, iterations=1).frame
     assert guess(experiment, every_voxel=True).frame > usual.frame
     assert guess(experiment, passes=PASSES * 2).pair == pytest.approx(2 * usual.pair)
     assert guess(experiment, passes=[Pass((32, 32, 16), 0.75)] * 2).pair > usual.pair
@@ -36,4 +36,4 @@ def test_frames_and_pairs(experiment):
 
 
 def test_spoken():
-    assert [spoken(s) for s in (4.4, 89, 600, 9000)] == ["4 s", "89 s", "10 min", "2.5 h"]
+    assert [as_text(s) for s in (4.4, 89, 600, 9000)] == ["4 s", "89 s", "10 min", "2.5 h"]

@@ -61,7 +61,7 @@ def light_of(lightfield: LightField, projector: PlenopticProjector, counts_per_e
     total, squares, _ = projector.weight_sums().T
     share = projector.light_of_planes().astype(np.float64)
     particle = typical_particle(lightfield, projector, noise)
-    through = [lightfield.values[view][projector.looks_through(int(view))] for view in projector.whole_views]
+    through = [lightfield.values[view][projector.rays_inside_grid(int(view))] for view in projector.whole_views]
     values = np.concatenate(through)  # of pixels that see nothing but the volume
     if values.size == 0:
         values = lightfield.values[lightfield.layout.seen]

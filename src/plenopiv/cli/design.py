@@ -96,7 +96,7 @@ def as_text(found: Design) -> str:
         ("volume", f"{sides} mm, seen by every view from z = {low:g} to {high:g} mm"),
         ("voxels", f"{nx} x {ny} x {nz} = {needed['voxels'] / 1e6:.3g} million"),
         ("last windows", f"{' x '.join(map(str, measured.windows[-1]))} voxels = {window} um"),
-        ("a pair", f"about {duration.spoken(needed['time_s'])} and {needed['memory_gb']:.2g} GB on two cores"),
+        ("a pair", f"about {duration.as_text(needed['time_s'])} and {needed['memory_gb']:.2g} GB on two cores"),
         ("seeding", f"one particle per microlens means {optics.overlap:.2g} in a pixel, averaged over depth"),
     ]
     width = max(len(name) for name, _ in lines)

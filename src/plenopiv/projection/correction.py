@@ -1,4 +1,5 @@
-"""What a voxel is multiplied by once the corrections of a few views are summed (``reconstruction.mart``)."""
+"""The factor by which a voxel is multiplied once the corrections of a few views are summed
+(``reconstruction.mart``)."""
 
 from __future__ import annotations
 
@@ -14,8 +15,8 @@ F = np.float32
 
 @inlined
 def factor_of(total: np.float32, views: int) -> np.float32:
-    """What a voxel is multiplied by when the corrections of so many views sum to ``total``: 1 + total where they add
-    light, and where they take it (1 + total / views)^views, which the product of 1 + each never exceeds; >= 0."""
+    """The factor for corrections of so many ``views`` that sum to ``total``, >= 0: 1 + total where they add light, and
+    where they remove it (1 + total / views)^views, which the product of the views' own factors never exceeds."""
     if total >= F(0):
         return F(1) + total
     each = max(F(1) + total / F(views), F(0))
@@ -27,11 +28,12 @@ def factor_of(total: np.float32, views: int) -> np.float32:
 
 @kernel
 def multiply_by(begin: int, end: int, total: NDArray[np.float32], views: int, values: NDArray[np.float32]) -> None:
-    """Multiply the voxels ``begin`` to ``end`` by what ``factor_of`` makes of ``total``."""
+    """Multiply the voxels ``begin`` to ``end`` by ``factor_of`` their ``total``."""
     for v in range(begin, end):
         values[v] *= factor_of(total[v], views)
 
 
 def correct(volume: SparseVolume, total: NDArray[np.float32], views: int) -> None:
-    """Multiply the voxels by what ``factor_of`` makes of ``total``, the sums of so many views' corrections."""
+    """Multiply the voxels by ``factor_of`` their ``total`` (voxel,), the sums of the corrections of so many
+    ``views``."""
     in_threads(multiply_by, total.size, total, views, volume.values)

@@ -1,4 +1,4 @@
-"""What reconstruction needs of the light's way between a volume and images, whatever the cameras."""
+"""What reconstruction needs of a projection between a volume and images, whatever the cameras."""
 
 from __future__ import annotations
 

@@ -21,8 +21,8 @@ from plenopiv.volume import SparseVolume, VoxelGrid
 
 
 class Turned(NamedTuple):
-    """A list of voxels in a camera's order; ``order``: of each the place in the list that it came from; all of it where
-    both are one."""
+    """A list of voxels in a camera's order. ``order``: the place of each in the list that it came from, or a slice of
+    all where the orders are the same."""
 
     volume: SparseVolume
     order: NDArray[np.int64] | slice
@@ -69,21 +69,20 @@ class SeveralCameras:
         """The volume's light in several views, (views, lens)."""
         views = np.asarray(views)
         images = np.zeros((views.size, self._lenses), np.float32)
-        for projector, turned, mine, own in self._asked(views, volume):
+        for projector, turned, mine, own in self._by_camera(views, volume):
             seen = projector.forward(own, turned.volume.with_values(volume.values[turned.order]))
             images[mine, : seen.shape[1]] = seen
         return images
 
     def gather(self, views: ArrayLike, images: NDArray[np.float32], volume: SparseVolume) -> NDArray[np.float32]:
-        """For each listed voxel the sum of ``images`` (views, lens) over the pixels that it lights, each by its lit
-        share of the pixel."""
+        """For each listed voxel the sum of ``images`` (views, lens) over the pixels that it lights, by weights."""
         out = np.zeros(volume.values.size, np.float32)
-        for projector, turned, mine, own in self._asked(np.asarray(views), volume):
+        for projector, turned, mine, own in self._by_camera(np.asarray(views), volume):
             out[turned.order] += projector.gather(own, images[mine, : projector.layout.lenses], turned.volume)
         return out
 
     def multiply(self, views: ArrayLike, corrections: NDArray[np.float32], volume: SparseVolume) -> None:
-        """Multiply each voxel by 1 plus the share-weighted sum of ``corrections``, or empty it."""
+        """Multiply each voxel by 1 plus the weighted sum of ``corrections``; it becomes 0 where that is negative."""
         correct(volume, self.gather(views, corrections, volume), np.size(views))
 
     def visible_voxels(self) -> SparseVolume:
@@ -145,7 +144,7 @@ class SeveralCameras:
             out[first : first + values.shape[0], : values.shape[1]] = values
         return out
 
-    def _asked(self, views: NDArray[np.int64], volume: SparseVolume):
+    def _by_camera(self, views: NDArray[np.int64], volume: SparseVolume):
         """Of each camera that has some of ``views``: its projector, the list in its order, which of the views are its
         own, and their numbers there."""
         if self._last is None or self._last[0] is not volume:

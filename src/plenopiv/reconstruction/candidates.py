@@ -31,10 +31,10 @@ from plenopiv.volume import SparseVolume
 
 LIT_MULTIPLE = 3.0  # a lit pixel stands this many standard deviations of the dark noise above the black level
 BRIGHT_SHARE = 0.03  # and this share of what the image's bright pixels (90th percentile) hold
-NOISE_MARGIN = 2.0
+NOISE_MARGIN = 2.0  # standard deviations
 LONE, CROWDED = 0.2, 0.4  # share of the typical particle that the faintest one holds, in the dark and in a crowd
 CROWD = 0.3  # share of the pixels that are lit from which on particles crowd
-APART = 8  # microlenses: further than a particle's light spreads in one view
+STEP = 8  # microlenses: a particle's light in one view spreads less far
 CLEARLY = 2.0  # thresholds: noise alone does not reach so high
 FEWEST_LIT = 1e-4  # share of such pixels below which a frame counts as empty
 LIT_SHARE = 0.05  # of what the light's pixels hold on average: a lit pixel of a pinhole camera has more
@@ -158,8 +158,8 @@ def typical_particle(lightfield: LightField, projector: PlenopticProjector, nois
 
     Particles strewn at random with density n give a pixel the mean n <E> sum(w) and the variance n <E^2> sum(w^2)
     (Campbell's theorem), sums over the volume. Their ratio is <E^2>/<E>, the typical brightness of those that carry the
-    light, whatever n is. The variance is taken between microlenses APART along a row, which takes out a slowly varying
-    illumination, and between pixels that see the volume alone and are not saturated.
+    light, whatever n is. The variance is taken between microlenses STEP apart along a row, which removes a slowly
+    varying illumination, and over pixels that see the volume alone and are not saturated.
     """
     where = lightfield.layout
     saturation = where.camera.sensor.full_scale - where.camera.sensor.black_level
@@ -168,10 +168,10 @@ def typical_particle(lightfield: LightField, projector: PlenopticProjector, nois
     step_sums, mean_sums, count = 0.0, 0.0, 0
     for view in projector.whole_views:
         values = lightfield.values[view].reshape(where.nj, where.ni)
-        inside = projector.looks_through(int(view)).reshape(where.nj, where.ni)
+        inside = projector.rays_inside_grid(int(view)).reshape(where.nj, where.ni)
         inside &= values < saturation
-        both = inside[:, APART:] & inside[:, :-APART]
-        a, b = values[:, APART:][both].astype(np.float64), values[:, :-APART][both]
+        both = inside[:, STEP:] & inside[:, :-STEP]
+        a, b = values[:, STEP:][both].astype(np.float64), values[:, :-STEP][both]
         step_sums += float(np.sum((a - b) ** 2))
         mean_sums += float(np.sum(a + b))
         count += a.size

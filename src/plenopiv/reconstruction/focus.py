@@ -1,4 +1,4 @@
-"""What a plane near focus is worth to the correlation.
+"""Weights of planes near focus in the correlation.
 
 Within the dead zone |z| < z0 a particle's light falls under one microlens: the volume shows the microlens, at its own
 fixed place and through all of the zone, not the particle. Such blobs repeat from frame to frame on the lattice of the
@@ -7,7 +7,7 @@ the blur |A| P_m spans |z|/z0 microlenses, and that many places of its edge tell
 
 Planes are therefore weighed by (|z| / (reach z0))^2 up to |z| = reach z0 before they are correlated. In uniform and
 sheared flows the errors of the windows at focus fall two- to threefold in-plane and by a fifth in depth; a longer reach
-does more for depth, but where the flow curves along z a window at focus then speaks of its ends more than of its middle
+does more for depth, but where the flow curves along z a window at focus then measures its ends more than its middle
 (docs/decisions/0012, with the measurements).
 """
 

@@ -1,8 +1,8 @@
-"""What time a run will take, before it starts, and what is left of it.
+"""How long a run will take, estimated before it starts, and how much of that is left.
 
-Costs of one core of the machine in docs/speed.md, fitted to the runs of docs/accuracy.md; benchmarks/speed/scaling.py
-has predicted beside measured times. Another machine, or an unusual density of particles, shows when the first frame is
-done: what is left is then scaled by what that one took.
+The constants are times of one core of the machine in docs/speed.md, fitted to the runs of docs/accuracy.md;
+benchmarks/speed/scaling.py has predicted beside measured times. Another machine, or an unusual density of particles,
+shows when the first frame is done: what is left is then scaled by the time that it took.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from plenopiv.displacement.settings import CorrelationSettings, Pass
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.volume import VoxelGrid
 
-READ = 3.5e-9  # s, a pixel in a plane, forth and back in one round
-TRACE = 7.7e-10  # s, a pixel in a plane, asked by dense ray tracing
-VOXEL = 4.5e-7  # s, a voxel: ruled out, listed, or corrected in the first round
-EVERY_VOXEL = 1.0e-7  # s, a voxel in one round where all are candidates
+READ = 3.5e-9  # s, a pixel in a plane, forward and back in one iteration
+TRACE = 7.7e-10  # s, a pixel in a plane, in dense ray tracing
+VOXEL = 4.5e-7  # s, a voxel: ruled out, listed, or corrected in the first iteration
+EVERY_VOXEL = 1.0e-7  # s, a voxel in one iteration where all are candidates
 WINDOW = 2.0e-8  # s, a voxel of a window in one pass
 START = 7.5  # s, calibration, libraries, report with its figures
 
@@ -45,15 +45,15 @@ def estimate(
     camera: PlenopticCamera,
     grid: VoxelGrid,
     *,
-    rounds: int,
+    iterations: int,
     passes: Iterable[Pass],
     threads: int,
     every_voxel: bool = False,
 ) -> TimeEstimate:
     """Estimate the time of a run."""
     pixels = camera.microlenses * pi * camera.aperture_radius_px**2 * grid.shape[0]  # as often as there are planes
-    frame = rounds * READ * pixels + VOXEL * grid.size
-    frame += rounds * EVERY_VOXEL * grid.size if every_voxel else TRACE * pixels
+    frame = iterations * READ * pixels + VOXEL * grid.size
+    frame += iterations * EVERY_VOXEL * grid.size if every_voxel else TRACE * pixels
     return TimeEstimate(frame / threads, correlation_s(grid, passes) / threads)
 
 
@@ -78,15 +78,15 @@ def of_settings(
     return estimate(
         camera,
         grid,
-        rounds=reconstruction.iterations,
+        iterations=reconstruction.iterations,
         passes=correlation.passes,
         threads=threads,
         every_voxel=reconstruction.method == "mart",
     )
 
 
-def spoken(seconds: float) -> str:
-    """As a person would say it."""
+def as_text(seconds: float) -> str:
+    """A duration as text: in seconds, minutes or hours."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

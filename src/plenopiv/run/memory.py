@@ -1,4 +1,4 @@
-"""What memory a run will take, before it starts."""
+"""How much memory a run will take, estimated before it starts."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ BASE = 260e6  # interpreter, libraries and compiled kernels, bytes
 REPORT = 426e6  # the same with all that draws the report
 KEPT = 0.1  # of a volume's memory, once MART has left voxels out
 MOST_TILES = 64
-LAYER = 4.0  # planes a plane of the deepest windows: of two volumes those looked at, those coming, and their sources
-HELD = 0.3, 100e6  # share of it that the C library keeps once it is free, and the most: large arrays are given back
+LAYER = 4.0  # planes for each plane of the deepest windows: of two volumes those in use, the next, and their sources
+HELD = 0.3, 100e6  # share of it, and most of it, that the C library keeps once it is free: large arrays are returned
 DEEPEST = max(window[2] for window in CorrelationSettings().windows)
 
 
@@ -55,18 +55,18 @@ class MemoryEstimate:
         return replace(self, volumes=(min(share + KEPT, 1.0)) * self.volumes)
 
     def keep_within(self, limit: float) -> None:
-        """Raise PlenoPIVError, which says what would fit, where ``peak`` is more than ``limit`` bytes."""
+        """Raise PlenoPIVError, which states what would fit, where ``peak`` is more than ``limit`` bytes."""
         if self.peak <= limit:
             return
         least = max(BASE + self.light_field, REPORT + self.layers) + self.images
-        room = limit - BASE - self.light_field - self.images
+        available = limit - BASE - self.light_field - self.images
         takes = f"this run takes about {self.peak / 1e9:.2f} GB, more than the {limit / 1e9:.2f} GB allowed"
         if limit < least or self.volumes <= 0:
             raise PlenoPIVError(f"memory: {takes}; {least / 1e9:.2f} GB of it for anything but voxels")
-        larger = ceil(100 * (self.volumes / room) ** (1 / 3)) / 100
+        larger = ceil(100 * (self.volumes / available) ** (1 / 3)) / 100
         raise PlenoPIVError(
             f"memory: {takes}; voxels {larger:.2f} times as large along each axis (volume.voxel_mm), "
-            f"or {floor(1000 * room / self.volumes) / 10:.1f} % of the volume (volume.z_mm, x_mm, y_mm), would fit"
+            f"or {floor(1000 * available / self.volumes) / 10:.1f} % of the volume (volume.z_mm, x_mm, y_mm), would fit"
         )
 
 

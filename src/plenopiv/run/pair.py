@@ -30,7 +30,7 @@ class Frame:
     found: Reconstruction
 
     def summary(self) -> dict[str, Any]:
-        """What ``summary.json`` says of it."""
+        """Its entry in ``summary.json``."""
         return {
             "dark_noise_counts": self.found.noise.dark,
             "counts_per_electron": self.found.noise.counts_per_electron,

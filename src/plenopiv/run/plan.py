@@ -1,4 +1,4 @@
-"""What a run will take, said before it starts: memory, time, and the tiles that memory asks for."""
+"""What a run will take, estimated before it starts: memory, time, and the tiles into which memory forces it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A first look at the velocities: the middle of the field, coarsely, in well under a minute.
+"""A quick preview of the velocities: the middle of the field, coarsely, in well under a minute.
 
 The sensor's middle is cut out of the white image and of two frames, the volume to what all views of it see, voxels are
 twice as wide in the plane and windows half as many voxels, and there are fewer iterations. What follows is
@@ -85,7 +85,7 @@ def cropped(experiment: Experiment) -> tuple[Sensor, dict[str, Any]]:
         for side, (lo, hi) in zip(sides, (volume.x_mm, volume.y_mm), strict=True)
     ]
     if any(not lo < 0 < hi for lo, hi in wanted):
-        raise PlenoPIVError(f"{experiment.path}: volume leaves out the optical axis, where a preview looks")
+        raise PlenoPIVError(f"{experiment.path}: volume leaves out the optical axis, where a preview is taken")
     half_x, half_y = (max(-lo, hi) for lo, hi in wanted)
     part = middle(camera.sensor, *pixels_that_see(camera, (half_x, half_y), volume.z_mm))
     seen = seen_by_every_view_mm(replace(camera, sensor=part), volume.z_mm)
@@ -120,8 +120,8 @@ def _windows(windows: Sequence[Window], limits: Limits, voxel_mm: tuple[float, f
     nz, ny, nx = VoxelGrid.covering(*limits, voxel_mm).shape
     return [
         [
-            min(max(SMALLEST, round(side / wider)), room)
-            for side, wider, room in zip(w, (WIDER, WIDER, 1), (nx, ny, nz), strict=True)
+            min(max(SMALLEST, round(side / wider)), count)
+            for side, wider, count in zip(w, (WIDER, WIDER, 1), (nx, ny, nz), strict=True)
         ]
         for w in windows
     ]

@@ -67,7 +67,7 @@ def run(
             recording.frame(k)
         planned = plan(chain, memory_gb)
         log.info("memory: about %.2g GB", planned.needed.peak / 1e9)
-        log.info("time: about %s", duration.spoken(planned.takes.run(len(recording))))
+        log.info("time: about %s", duration.as_text(planned.takes.run(len(recording))))
 
         summaries, fields, first, before = {}, [], None, None
         for frame in _frames(planned, recording, clock, report):
@@ -96,5 +96,5 @@ def _frames(planned: Plan, recording: Recording, clock: Clock, report: Progress)
             frame = reconstructed(planned.chain, recording, k, report)
         if k == 0:
             left = planned.takes.left(len(recording), clock.seconds["reconstruction"])
-            log.info("%s reconstructed; about %s left", frame.name, duration.spoken(left))
+            log.info("%s reconstructed; about %s left", frame.name, duration.as_text(left))
         yield frame

@@ -1,13 +1,13 @@
-"""The projector of pinhole cameras around a volume: a view is one camera, its pixels are the equations.
+"""Projection between a volume and pinhole cameras around it: a view is one camera, its pixels are the equations.
 
-Elsinga et al. (2006, Eq. 1): the counts of a pixel are the sum of the voxels that its line of sight passes, each by the
-share of its light that falls on the pixel. A voxel casts the shadow of a turned box; here it is a square (a rectangle
-where voxels are none) whose variance along columns and rows is that of the shadow:
+Elsinga et al. (2006, Eq. 1): the counts of a pixel are the sum of the voxels on its line of sight, each by its weight,
+the part of the voxel's light that falls on the pixel. The image of a voxel is that of a turned box; here its footprint
+is a square (a rectangle where voxels are not cubes) whose variance along columns and rows is that of the box's image:
 
     side^2 = sum over x, y, z of (voxel size x change of the column per mm)^2
 
-For cubes that is the voxel's size in pixels, however the camera is turned. Weights are the square's shares of the
-pixels, computed when they are needed, with the shape that it has at the volume's centre (``shadows``).
+For cubes that is the voxel's size in pixels, however the camera is turned. Weights are the parts of the square that
+pixels cover, computed when they are needed; its size is that at the volume's centre (``kernels``).
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from plenopiv.cameras.pinhole import PinholeCamera, share_seen
 from plenopiv.errors import PlenoPIVError
 from plenopiv.projection.correction import correct
 from plenopiv.projection.pinhole import kernels
-from plenopiv.projection.pinhole.kernels import Sight
+from plenopiv.projection.pinhole.kernels import PinholeConstants
 from plenopiv.projection.protocol import Projection
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 CHUNKS = 8  # partial images of one camera, summed in order
-SLAB = 16  # planes looked at at once
-NARROWEST = 1e-3  # px, of a shadow
+SLAB = 16  # planes worked on at once
+NARROWEST = 1e-3  # px, of a footprint
 
 
 class PinholeProjector:
@@ -52,7 +52,7 @@ class PinholeProjector:
             _check_view(camera, grid, f"camera {number}")
         self.pixels = [camera.sensor.columns * camera.sensor.rows for camera in cameras]
         self._equations: NDArray[np.bool_] | None = None  # of a tile; every pixel otherwise
-        self._sights = [sight_of(camera, grid) for camera in self.cameras]
+        self._constants = [pinhole_constants(camera, grid) for camera in self.cameras]
 
     @property
     def views(self) -> int:
@@ -91,20 +91,20 @@ class PinholeProjector:
         for view, image in zip(np.atleast_1d(views), images, strict=True):
             partial = np.empty((CHUNKS, self.pixels[view]), np.float32)
             listed = chunks, volume.row_start, volume.column, volume.values
-            in_threads(kernels.project, CHUNKS, self._sights[view], self.grid.shape[1], *listed, partial)
+            in_threads(kernels.project, CHUNKS, self._constants[view], self.grid.shape[1], *listed, partial)
             np.sum(partial, axis=0, out=image[: self.pixels[view]])
         return images.reshape(*np.shape(views), -1)
 
     def gather(self, views: ArrayLike, images: NDArray[np.float32], volume: SparseVolume) -> NDArray[np.float32]:
-        """For each listed voxel the sum of ``images`` over the pixels that it lights, each by its share of the voxel's
-        light; of one camera, ``images`` (pixel,), or of several, (camera, pixel)."""
+        """For each listed voxel the sum of ``images`` over the pixels that it lights, by weights; of one camera,
+        ``images`` (pixel,), or of several, (camera, pixel)."""
         out = np.zeros(volume.values.size, np.float32)
         for view, image in zip(np.atleast_1d(views), np.atleast_2d(images), strict=True):
             self._back(view, image, volume, False, out)
         return out
 
     def multiply(self, views: ArrayLike, corrections: NDArray[np.float32], volume: SparseVolume) -> None:
-        """Multiply each voxel by 1 plus the share-weighted sum of ``corrections`` over the pixels that it lights, or
+        """Multiply each voxel by 1 plus the weighted sum of ``corrections`` over the pixels that it lights, or
         empty it where that is negative; n cameras at once whose corrections sum to S < 0 by (1 + S/n)^n."""
         if np.size(views) > 1:
             correct(volume, self.gather(views, corrections, volume), np.size(views))
@@ -114,7 +114,7 @@ class PinholeProjector:
     def _back(self, view: int, image: NDArray, volume: SparseVolume, multiply: bool, out: NDArray[np.float32]) -> None:
         """``kernels.gather`` of the image of one camera."""
         listed = self._row_chunks(volume), volume.row_start, volume.column
-        about = self._sights[view], self.grid.shape[1], *listed, image.astype(np.float32), multiply, out
+        about = self._constants[view], self.grid.shape[1], *listed, image.astype(np.float32), multiply, out
         in_threads(kernels.gather, CHUNKS, *about)
 
     def visible_voxels(self) -> SparseVolume:
@@ -123,7 +123,7 @@ class PinholeProjector:
         return volume.with_values(np.ones_like(volume.values))
 
     def candidates(self, most: NDArray[np.float32], particle: ArrayLike) -> SparseVolume:
-        """The voxels whose shadow meets more than ``particle`` counts of ``most`` (camera, pixel) in every camera.
+        """The voxels whose footprint shows more than ``particle`` counts of ``most`` (camera, pixel) in every camera.
 
         Multiplied line of sight (MLOS; Atkinson & Soria 2009, Exp. Fluids 47:553-568): a particle in focus lights about
         one pixel. The voxels' values are the cameras' counts there, multiplied, to the power of 1 over the number of
@@ -137,8 +137,8 @@ class PinholeProjector:
             for lo in range(0, nz, SLAB):
                 shape = (min(SLAB, nz - lo), ny, nx)
                 least, product = np.full(shape, np.inf, np.float32), np.ones(shape)
-                for sight, image in zip(self._sights, most, strict=True):
-                    in_threads(kernels.least_along_sight, shape[0], sight, lo, image, least, product)
+                for cam, image in zip(self._constants, most, strict=True):
+                    in_threads(kernels.least_along_lines_of_sight, shape[0], cam, lo, image, least, product)
                 lit = least > threshold
                 values.append((product[lit] ** (1 / self.views)).astype(np.float32))
                 yield from lit
@@ -149,12 +149,12 @@ class PinholeProjector:
     @property
     def passage(self) -> int:
         """Rows of voxels that one line of sight crosses between the first plane and the last, at the most, with a
-        shadow's width."""
-        crossed = max(float(np.ptp(rows, axis=0).max()) for rows in map(self._rows_met, range(self.views)))
+        footprint's width."""
+        crossed = max(float(np.ptp(rows, axis=0).max()) for rows in map(self._ray_rows, range(self.views)))
         return ceil(crossed + 2 * self._half_width)
 
     def tile(self, low: int, high: int) -> PinholeProjector:
-        """The same cameras with rows low <= j < high of the voxels; ``seen`` only where a line of sight meets no
+        """The same cameras with rows low <= j < high of the voxels; ``seen`` only where a line of sight crosses no
         others."""
         rows = self.grid.shape[1]
         if (low, high) == (0, rows):
@@ -164,7 +164,7 @@ class PinholeProjector:
         last = high - low - 1 - part._half_width if high < rows else np.inf
         part._equations = np.zeros_like(self.seen)
         for view, count in enumerate(self.pixels):
-            met = part._rows_met(view)
+            met = part._ray_rows(view)
             part._equations[view, :count] = ((met >= first) & (met <= last)).all(0)
         return part
 
@@ -172,8 +172,8 @@ class PinholeProjector:
         """All of them together, since lines of sight of several cameras make a candidate."""
         return [(self, values)]
 
-    def _rows_met(self, view: int) -> NDArray[np.float64]:
-        """Rows of voxels (2, pixel) that a camera's lines of sight meet in the first and in the last plane."""
+    def _ray_rows(self, view: int) -> NDArray[np.float64]:
+        """Rows of voxels (2, pixel) at which a camera's lines of sight cross the first and the last plane."""
         camera, z = self.cameras[view], self.grid.axes()[2]
         column, row = np.meshgrid(np.arange(camera.sensor.columns), np.arange(camera.sensor.rows))
         pixels = np.stack([column, row], -1).reshape(-1, 2)
@@ -182,12 +182,12 @@ class PinholeProjector:
 
     @property
     def _half_width(self) -> float:
-        """Half of a voxel's shadow and of a pixel, in rows of voxels."""
+        """Half of a voxel's footprint and of a pixel, in rows of voxels."""
         centre = np.array([0.5 * (lo + hi) for lo, hi in self.grid.limits_mm()])
         step, widths = np.array([0.0, self.grid.voxel_mm[1], 0.0]), []
-        for camera, sight in zip(self.cameras, self._sights, strict=True):
+        for camera, cam in zip(self.cameras, self._constants, strict=True):
             row_px = float(np.hypot(*(camera.project(centre + step) - camera.project(centre))))
-            widths.append((max(sight.half_column, sight.half_row) + 0.5) / row_px)
+            widths.append((max(cam.half_column, cam.half_row) + 0.5) / row_px)
         return max(widths)
 
     def _row_chunks(self, volume: SparseVolume) -> NDArray[np.int64]:
@@ -197,8 +197,8 @@ class PinholeProjector:
         return bounds.astype(np.int64)
 
 
-def sight_of(camera: PinholeCamera, grid: VoxelGrid) -> Sight:
-    """A camera and a grid as the few numbers that the kernels take."""
+def pinhole_constants(camera: PinholeCamera, grid: VoxelGrid) -> PinholeConstants:
+    """The constants of a camera and a grid that the kernels take."""
     turned = camera.axes * np.array([[1.0], [1.0], [-1.0]])  # right, up, forward
     first = turned @ (np.array(grid.first_mm) - camera.position_mm)
     steps = np.array(grid.voxel_mm)[:, None] * turned.T
@@ -208,14 +208,14 @@ def sight_of(camera: PinholeCamera, grid: VoxelGrid) -> Sight:
     side = np.maximum(np.sqrt((across**2).sum(0)), NARROWEST)
     column0, row0 = camera.principal_point
     k1, k2 = camera.distortion
-    return Sight(
-        _place(first), _place(steps[0]), _place(steps[1]), _place(steps[2]),
+    return PinholeConstants(
+        _vector(first), _vector(steps[0]), _vector(steps[1]), _vector(steps[2]),
         camera.focal_length_px, column0, row0, k1, k2,
         0.5 * float(side[0]), 0.5 * float(side[1]), camera.sensor.columns, camera.sensor.rows,
     )  # fmt: skip
 
 
-def _place(vector: NDArray) -> kernels.Place:
+def _vector(vector: NDArray) -> kernels.Vector:
     x, y, z = (float(c) for c in vector)
     return x, y, z
 

@@ -1,4 +1,4 @@
-"""Scalar leaves: the share of a patch of light that falls into a microlens' cell. Plain Python, compiled by kernels.
+"""Area of a patch of light inside a microlens' cell. Functions of scalars in plain Python; the kernels compile them.
 
 Lengths are in *cells*, microlens pitches divided by (1 - A), with axes along and across the lattice's rows and the
 microlens at the origin (see ``geometry``): a square lens is the unit square, a hexagonal one the hexagon of unit width
@@ -19,7 +19,7 @@ BEND = F(1.0 / (2.0 * sqrt(3.0)))
 
 
 def corner(x: np.float32, y: np.float32) -> np.float32:
-    """What the hexagon's slanted sides cut off the rectangle 0..x, 0..y: odd in x and in y."""
+    """Area that the hexagon's slanted sides cut off the rectangle 0..x, 0..y: odd in x and in y."""
     beyond = max(abs(x) + ROOT3 * abs(y) - ONE, ZERO)
     cut = BEND * beyond * beyond
     return cut if x * y >= ZERO else -cut

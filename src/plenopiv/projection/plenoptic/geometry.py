@@ -8,7 +8,7 @@ centre S (1 + e) is thus reached by u = (q + B x - S) / (1 - A), and that ray li
 
 With lengths in *cells*, pitches divided by (1 - A), what a pixel receives of a voxel is the area that its square of
 side |A| portion / ((1 - A) pitch) shares with a cell of unit size: exact for every lattice and depth. A lattice turned
-by a few degrees against the pixels is taken to first order in the angle (``pixels.patch_area``).
+by a few degrees against the pixels is taken to first order in the angle (``pixel_weights.patch_area``).
 
 At the aperture's rim the pixel is cut by the disc |u| <= P_m/2: in pixels of q, one of radius (1 - A) R around
 (S - B x)/portion.
@@ -32,7 +32,7 @@ SMALLEST = 0.01  # half side of a pixel's square, cells: float32 does not resolv
 
 
 class Plane(NamedTuple):
-    """The numbers of one plane of voxels; ``planes`` has those of all."""
+    """The constants of one plane of voxels, as kernels take them; ``planes`` has those of all planes."""
 
     voxel_s: np.float32  # voxels along x per mm of s: 1 / (B dx)
     voxel_t: np.float32
@@ -51,7 +51,7 @@ class Plane(NamedTuple):
 
 
 def planes(camera: PlenopticCamera, grid: VoxelGrid) -> NDArray[np.float32]:
-    """The ``Plane`` of every z, float32 (nz, 14)."""
+    """The constants of every plane, float32 (nz, 14): column by column the fields of ``Plane``."""
     z = grid.axes()[2]
     dx, dy, _ = grid.voxel_mm
     a, b = camera.spread(z), camera.scale(z)
@@ -77,13 +77,13 @@ def planes(camera: PlenopticCamera, grid: VoxelGrid) -> NDArray[np.float32]:
 
 
 def column_of(table: NDArray[np.float32], *names: str) -> NDArray[np.float32]:
-    """What ``planes`` has under a name of ``Plane``, (nz,), or under several, (nz, names)."""
+    """The columns of ``planes`` that ``Plane`` calls so: of one name (nz,), of several (nz, names)."""
     index = [Plane._fields.index(name) for name in names]
     return table[:, index[0]] if len(index) == 1 else table[:, index]
 
 
 class CameraConstants(NamedTuple):
-    """A camera and a grid: the numbers that are the same for every plane."""
+    """The constants of a camera and a grid that are the same for every plane: what kernels call ``cam``."""
 
     hexagonal: bool
     radius: np.float32  # of the aperture, pixels of q
@@ -113,10 +113,10 @@ def camera_constants(camera: PlenopticCamera, grid: VoxelGrid) -> CameraConstant
 
 
 class CameraOnGrid:
-    """A camera's layout of pixels and a grid of voxels, with what kernels need of both.
+    """A camera's layout of pixels and a grid of voxels, with the constants that kernels need of both.
 
-    ``cam``, ``planes`` (nz, 14): their constants. ``lens_mm`` (lens, 2): centres of the microlenses, s and t. ``rim``
-    (view,): the views with pixels that the aperture's rim cuts.
+    ``cam``, ``planes`` (nz, 14): the constants (``CameraConstants``, ``planes``). ``lens_mm`` (lens, 2): centres of the
+    microlenses, s and t. ``rim`` (view,): the views with pixels that the aperture's rim cuts.
     """
 
     def __init__(self, layout: Layout, grid: VoxelGrid):
@@ -138,9 +138,9 @@ class CameraOnGrid:
         for scale in np.abs(self.layout.camera.scale(z)):
             yield (scale * np.abs(y) <= half_t)[:, None] & (scale * np.abs(x) <= half_s)
 
-    def met_by(self, view: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where the pixels of a view meet the first and the last plane: columns and rows, each (2, lens), in voxels. In
-        between, light runs straight."""
+    def ray_ends(self, view: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where the central rays of a view's pixels cross the first and the last plane: columns and rows, each (2,
+        lens), in voxels. In between they are straight."""
         (m, n), layout, found = self.layout.offsets[view], self.layout, []
         for k in (0, -1):
             plane = Plane(*self.planes[k].astype(np.float64))

@@ -1,8 +1,10 @@
-"""The light that a pixel collects, as a few rectangular patches: what both families of kernels share.
+"""Weights: the share of a pixel that a voxel's light covers, as a few rectangles. Both plane maps and ``by_voxel`` use
+them.
 
-A pixel inside the aperture is one square. One at the rim is cut by a circle; it becomes STRIPS rectangles that run
-towards the rim, each as long as its middle is lit. A single ray has no patch: it counts by the lit share of its pixel.
-Lengths here are pixels of q, the aperture's coordinate in pixels.
+The light of a pixel inside the aperture is one square. A pixel at the aperture's rim is cut by a circle; its light is
+taken as RECTANGLES rectangles side by side that run towards the rim, each as long as its middle is lit. A single ray
+covers no area: its weight is the lit share of its pixel. Lengths here are pixels of q, the aperture's coordinate in
+pixels.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from plenopiv.projection.plenoptic.cell_areas import TIP
 from plenopiv.projection.plenoptic.geometry import CameraConstants, Plane
 
 ONE_RAY, NINE_RAYS, EXACT = 0, 1, 2
-STRIPS = 6  # spelt out in rim_share, so that what they share is worked out once
+RECTANGLES = 6  # written out one by one in rim_weight, so that common terms are computed once
 F = np.float32
 
 cell_areas.corner = inlined(cell_areas.corner)
@@ -37,14 +39,15 @@ def plane_of(table: NDArray[np.float32], k: int) -> Plane:
 
 @inlined
 def floor_of(x: np.float32) -> np.int64:
-    """floor(x) as an integer, without a call."""
+    """floor(x) as an integer, without a function call."""
     i = np.int64(x)
     return i - 1 if F(i) > x else i
 
 
 @part
 def reach_of(cam: CameraConstants, plane: Plane, rule: int) -> tuple[np.float32, np.float32]:
-    """How far from a microlens' centre (cells, along and across rows) a footprint's centre may be and still meet it."""
+    """Farthest that a patch of light may be centred from a microlens' centre, in cells along and across the rows, and
+    still meet its cell."""
     half = plane.half if rule == EXACT else F(0.67) * plane.half * (abs(cam.cos) + abs(cam.sin))
     half += abs(cam.turn) * (half + F(0.6))
     return F(0.5) + half, (TIP if cam.hexagonal else F(0.5)) + half
@@ -52,7 +55,7 @@ def reach_of(cam: CameraConstants, plane: Plane, rule: int) -> tuple[np.float32,
 
 @part
 def box_of(cam: CameraConstants, plane: Plane, rule: int) -> tuple[np.float32, np.float32]:
-    """Half widths in voxels, along x and y, of the box around a footprint."""
+    """Half widths in voxels, along x and y, of the rectangle that encloses the footprint of a pixel."""
     wide, high = reach_of(cam, plane, rule)
     c, s = abs(cam.cos), abs(cam.sin)
     return (c * wide + s * high) / abs(plane.cell_x), (c * high + s * wide) / abs(plane.cell_y)
@@ -62,10 +65,10 @@ def box_of(cam: CameraConstants, plane: Plane, rule: int) -> tuple[np.float32, n
 def patch_area(
     cam: CameraConstants, x: np.float32, y: np.float32, half_x: np.float32, half_y: np.float32
 ) -> np.float32:
-    """Area of a patch centred at (x, y) cells in the microlens' cell.
+    """Area of a rectangle of light centred at (x, y) cells inside the microlens' cell.
 
-    The patch is turned against the lattice by the rotation: its sides are where a turned one's are at the middle of
-    what it shares with the cell.
+    The rectangle is turned against the lattice by the rotation. To first order its sides are where those of the turned
+    one are at the middle of the overlap with the cell.
     """
     high = TIP if cam.hexagonal else F(0.5)
     across = F(0.5) * (max(y - half_y, -high) + min(y + half_y, high)) - y
@@ -78,13 +81,13 @@ area_of = part(patch_area.py_func)  # compiled once for all that do not need it 
 
 
 @inlined
-def pixel_share(cam: CameraConstants, plane: Plane, x: np.float32, y: np.float32) -> np.float32:
-    """Share of a pixel, all of it inside the aperture, that a voxel (x, y) cells off its footprint's centre gives."""
+def pixel_weight(cam: CameraConstants, plane: Plane, x: np.float32, y: np.float32) -> np.float32:
+    """Weight of a voxel (x, y) cells from the centre of a pixel's footprint, for a pixel wholly inside the aperture."""
     return patch_area(cam, x, y, plane.half, plane.half) * (F(0.25) / (plane.half * plane.half))
 
 
 @inlined
-def strip_area(
+def rectangle_area(
     cam: CameraConstants,
     plane: Plane,
     x: np.float32,
@@ -96,12 +99,13 @@ def strip_area(
     along_x: bool,
     dv: np.float32,
 ) -> np.float32:
-    """Area in the cell of the strip ``dv`` px from the pixel's middle; it ends at the rim, ``base`` px further in."""
+    """Area inside the cell of the rectangle whose middle is ``dv`` px beside the pixel's middle, and which ends at the
+    rim. ``base``: ``rim_base``."""
     edge = sqrt(max(cam.radius * cam.radius - (v + dv) * (v + dv), F(0.01))) - base
     edge = max(min(edge, F(0.5)), F(-0.5))
     du = outward * F(0.5) * (edge - F(0.5))
     dx, dy = du if along_x else dv, dv if along_x else du
-    half_u, half_v = (edge + F(0.5)) * plane.half, F(1.0 / STRIPS) * plane.half
+    half_u, half_v = (edge + F(0.5)) * plane.half, F(1.0 / RECTANGLES) * plane.half
     along_rows = along_x != cam.swapped
     hx, hy = half_u if along_rows else half_v, half_v if along_rows else half_u
     px, py = plane.move * (cam.cos * dx + cam.sin * dy), plane.move * (cam.cos * dy - cam.sin * dx)
@@ -119,10 +123,11 @@ def rim_base(
     x: np.float32,
     y: np.float32,
 ) -> np.float32:
-    """How much further in than from the axis the rim cuts a pixel at (u, v), u running towards the rim.
+    """How far from the middle of the aperture's disc, in px towards the rim, the middle of a pixel at (u, v) is, u
+    running towards the rim.
 
-    Off focus the rim moves towards the pixel's centre by A times its distance; for a voxel off the footprint's centre
-    the aperture's disc has moved by ``drift`` pixels per cell.
+    In focus that is u. Out of focus the rim moves towards the pixel's centre by A times its distance, and for a voxel
+    away from the footprint's centre the disc has moved by ``drift`` pixels per cell.
     """
     reach = sqrt(max(cam.radius * cam.radius - v * v, F(0.01)))
     off_x, off_y = plane.drift * (cam.cos * x - cam.sin * y), plane.drift * (cam.cos * y + cam.sin * x)
@@ -131,21 +136,21 @@ def rim_base(
 
 
 @inlined
-def rim_share(
+def rim_weight(
     cam: CameraConstants, plane: Plane, qx: np.float32, qy: np.float32, x: np.float32, y: np.float32
 ) -> np.float32:
-    """The same for a pixel at q that the aperture's rim may cut: STRIPS rectangles that run towards the rim, each from
-    the pixel's inner side to where the rim cuts its middle; what they share is worked out once."""
+    """``pixel_weight`` of a pixel at q that the aperture's rim may cut: the sum over RECTANGLES rectangles that run
+    towards the rim, each from the pixel's inner side to where the rim cuts its middle."""
     along_x = abs(qx) > abs(qy)
     u, v = abs(qx) if along_x else abs(qy), qy if along_x else qx
     outward = F(1) if (qx if along_x else qy) > F(0) else F(-1)
     base = rim_base(cam, plane, u, v, outward, along_x, x, y)
-    total = strip_area(cam, plane, x, y, u, v, base, outward, along_x, F(-2.5 / STRIPS))
-    total += strip_area(cam, plane, x, y, u, v, base, outward, along_x, F(-1.5 / STRIPS))
-    total += strip_area(cam, plane, x, y, u, v, base, outward, along_x, F(-0.5 / STRIPS))
-    total += strip_area(cam, plane, x, y, u, v, base, outward, along_x, F(0.5 / STRIPS))
-    total += strip_area(cam, plane, x, y, u, v, base, outward, along_x, F(1.5 / STRIPS))
-    total += strip_area(cam, plane, x, y, u, v, base, outward, along_x, F(2.5 / STRIPS))
+    total = rectangle_area(cam, plane, x, y, u, v, base, outward, along_x, F(-2.5 / RECTANGLES))
+    total += rectangle_area(cam, plane, x, y, u, v, base, outward, along_x, F(-1.5 / RECTANGLES))
+    total += rectangle_area(cam, plane, x, y, u, v, base, outward, along_x, F(-0.5 / RECTANGLES))
+    total += rectangle_area(cam, plane, x, y, u, v, base, outward, along_x, F(0.5 / RECTANGLES))
+    total += rectangle_area(cam, plane, x, y, u, v, base, outward, along_x, F(1.5 / RECTANGLES))
+    total += rectangle_area(cam, plane, x, y, u, v, base, outward, along_x, F(2.5 / RECTANGLES))
     return total * (F(0.25) / (plane.half * plane.half))
 
 
@@ -156,10 +161,10 @@ def ray_inside(cam: CameraConstants, x: np.float32, y: np.float32) -> np.float32
 
 
 @inlined
-def ray_share(
+def ray_weight(
     cam: CameraConstants, plane: Plane, rim: bool, qx: np.float32, qy: np.float32, k: int, x: np.float32, y: np.float32
 ) -> np.float32:
-    """The same for ray k of nine through a pixel at q; none where the aperture stops it."""
+    """Weight by ray k of nine through a pixel at q; 0 where the aperture stops the ray."""
     dx, dy = F(k % 3 - 1) / F(3), F(k // 3 - 1) / F(3)
     ux, uy = qx * (F(1) - plane.spread) + dx, qy * (F(1) - plane.spread) + dy
     radius = cam.radius * (F(1) - plane.spread)

@@ -1,4 +1,4 @@
-"""The views of a plenoptic camera: light of a volume in every view, and back. Weights are computed, never stored."""
+"""Projection between a volume and the views of a plenoptic camera. Weights are computed, never stored."""
 
 from __future__ import annotations
 
@@ -113,17 +113,21 @@ class PlenopticProjector:
         self.images.multiply(np.atleast_1d(views), np.atleast_2d(corrections), volume)
 
     def light_of_planes(self) -> NDArray[np.float32]:
-        """Share of a voxel's light that a wholly lit pixel collects, by plane (nz,)."""
+        """Share of a voxel's light that a wholly lit pixel collects, for each plane (nz,)."""
         return self.camera.column("light")
 
     def weight_sums(self) -> NDArray[np.float64]:
-        """How widely each plane spreads a voxel's light, (nz, 3): over all voxels of an endless plane, the sum of their
-        weights in one pixel and the sum of the weights' squares; and the largest weight."""
+        """How widely each plane spreads a voxel's light over pixels, (nz, 3).
+
+        For a plane without borders: the sum of the exact weights of its voxels in one pixel, the sum of these weights'
+        squares, and the largest weight.
+        """
         return weight_sums(self.camera)
 
-    def looks_through(self, view: int) -> NDArray[np.bool_]:
-        """The lenses (lens,) whose pixel in a view meets every plane inside the grid."""
-        column, row = self.camera.met_by(view)
+    def rays_inside_grid(self, view: int) -> NDArray[np.bool_]:
+        """The lenses (lens,) whose pixel in a view is an equation and whose central ray crosses every plane inside the
+        grid."""
+        column, row = self.camera.ray_ends(view)
         _, ny, nx = self.grid.shape
         inside = (column >= 0) & (column <= nx - 1) & (row >= 0) & (row <= ny - 1)
         return self.layout.seen[view] & inside.all(0)
@@ -132,7 +136,7 @@ class PlenopticProjector:
     def passage(self) -> int:
         """Rows of voxels that the light of one pixel crosses between the first plane and the last, at the most, with
         its own width."""
-        crossed = max(float(np.ptp(rows, axis=0).max()) for rows in map(self._rows_met, range(self.views)))
+        crossed = max(float(np.ptp(rows, axis=0).max()) for rows in map(self._ray_rows, range(self.views)))
         return ceil(crossed + 2 * self._half_width)
 
     def tile(self, low: int, high: int) -> PlenopticProjector:
@@ -141,24 +145,24 @@ class PlenopticProjector:
         if (low, high) == (0, rows):
             return self
         part = PlenopticProjector(self.layout, self.grid.y_range(low, high), self.weights, self.across)
-        part._equations = part._met_only_within(0 if low else -np.inf, high - low if high < rows else np.inf)
+        part._equations = part._rays_within(0 if low else -np.inf, high - low if high < rows else np.inf)
         return part
 
     def each_camera(self, values: NDArray) -> list[tuple[Projection, NDArray]]:
         """This one."""
         return [(self, values)]
 
-    def _met_only_within(self, low: float, high: float) -> NDArray[np.bool_]:
-        """(view, lens): the equations of which no light comes from rows of voxels below ``low`` or from ``high`` on."""
+    def _rays_within(self, low: float, high: float) -> NDArray[np.bool_]:
+        """(view, lens): the equations to which no light comes from rows of voxels below ``low`` or from ``high`` on."""
         low, high = low + self._half_width, high - 1 - self._half_width
-        met = map(self._rows_met, range(self.views))
+        met = map(self._ray_rows, range(self.views))
         return self.layout.seen & np.array([((rows >= low) & (rows <= high)).all(0) for rows in met])
 
-    def _rows_met(self, view: int) -> NDArray[np.float64]:
-        """Rows of voxels (2, lens) that the pixels of a view meet in the first and in the last plane."""
-        return self.camera.met_by(view)[1]
+    def _ray_rows(self, view: int) -> NDArray[np.float64]:
+        """Rows of voxels (2, lens) at which the central rays of a view's pixels cross the first and the last plane."""
+        return self.camera.ray_ends(view)[1]
 
     @property
     def _half_width(self) -> float:
-        """Of a pixel's light, voxels."""
+        """Half the width of what a pixel sees in a plane, in rows of voxels."""
         return 0.5 / float(np.abs(self.camera.column("cell_y")).min()) + 1

@@ -1,5 +1,5 @@
 """Views of listed voxels, voxel by voxel and microlens by microlens: for rays, and as the reference of plane maps.
 
-- ``kernels``: for each listed voxel the microlenses that take its light
+- ``kernels``: for each listed voxel the microlenses that it lights
 - ``views``: images of views from listed voxels, and voxels corrected by them
 """

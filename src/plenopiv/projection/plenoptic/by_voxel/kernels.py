@@ -1,13 +1,13 @@
-"""CPU kernels for sparse volumes, run from the voxel's side: for each listed voxel the microlenses that take its light.
+"""Kernels that go through the listed voxels: for each the microlenses that it lights in a view.
 
-A block of listed voxels of one plane is worked on at once. The microlenses that a voxel may light in a view are a
-small window of lattice indices, as many slots for every voxel of the plane. Slot by slot, places are plain arithmetic
-on whole vectors of voxels, without a branch or a look-up (a lens' phase comes from ``Layout.clock``). Pairs of a voxel
-and a lens that do meet, a quarter to a half of them, are collected; their shares are again vector arithmetic, and only
+A block of listed voxels of one plane is worked on at once. The microlenses that a voxel may light in a view are a small
+window of lattice indices, as many slots for every voxel of the plane. Slot by slot, positions are plain arithmetic on
+whole vectors of voxels, without a branch or a table (a lens' phase comes from ``Layout.clock``). Pairs of a voxel and a
+lens that it does light, a quarter to a half of them, are collected; their weights are again vector arithmetic, and only
 then are images read or added to.
 
-The list is cut into fixed chunks; each sums into an image of its own and the caller adds those in order, so results
-do not depend on the number of threads.
+The list is cut into fixed chunks; each sums into an image of its own and the caller adds those in order, so results do
+not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from plenopiv.projection.plenoptic.pixel_weights import (
     EXACT,
     ONE_RAY,
     floor_of,
-    pixel_share,
+    pixel_weight,
     plane_of,
     ray_inside,
-    ray_share,
+    ray_weight,
     reach_of,
-    rim_share,
+    rim_weight,
 )
 
 BLOCK = 128  # voxels worked on at once
@@ -56,10 +56,8 @@ def slot_places(
     m: np.float32,
     n: np.float32,
 ) -> None:
-    """For one slot: the lens of each voxel, the voxel's place off its footprint's centre (cells), and the pixel's q.
-
-    ``lens`` is the flat index or, outside the block of lenses, -1.
-    """
+    """For one slot: each voxel's lens, its place relative to its footprint's centre (cells), and q of the pixel.
+    ``lens`` is the flat number, or -1 outside the block of lenses."""
     i0, j0, ni, nj = box
     spacing = plane.pitch * cam.row
     for k in range(count):
@@ -78,7 +76,7 @@ def slot_places(
 
 
 @part
-def collect(
+def collect_pairs(
     count: int,
     reach_x: np.float32,
     reach_y: np.float32,
@@ -95,7 +93,7 @@ def collect(
     pair_qx: NDArray[np.float32],
     pair_qy: NDArray[np.float32],
 ) -> int:
-    """Append to the pairs those voxels of a slot that meet their lens; returns the new number of pairs."""
+    """Append to the pairs those voxels of a slot that light their lens; returns the new number of pairs."""
     for k in range(count):
         pair_voxel[pairs], pair_lens[pairs] = k, lens[k]
         pair_x[pairs], pair_y[pairs], pair_qx[pairs], pair_qy[pairs] = x[k], y[k], qx[k], qy[k]
@@ -104,7 +102,7 @@ def collect(
 
 
 @part
-def pair_shares(
+def pair_weights(
     cam: CameraConstants,
     plane: Plane,
     rule: int,
@@ -118,26 +116,27 @@ def pair_shares(
     qy: NDArray[np.float32],
     weight: NDArray[np.float32],
 ) -> None:
-    """The share of its lens' pixel that the voxel of each pair gives, into ``weight``."""
+    """The weight of the voxel of each pair in its lens' pixel, into ``weight``. ``share``: lit share of the pixels
+    (lens,)."""
     if rule == ONE_RAY:
         for k in range(pairs):
             weight[k] = share[lens[k]] * ray_inside(cam, x[k], y[k])
     elif rule == EXACT and not rim:
         for k in range(pairs):
-            weight[k] = pixel_share(cam, plane, x[k], y[k])
+            weight[k] = pixel_weight(cam, plane, x[k], y[k])
     elif rule == EXACT:
         for k in range(pairs):
-            weight[k] = rim_share(cam, plane, qx[k], qy[k], x[k], y[k])
+            weight[k] = rim_weight(cam, plane, qx[k], qy[k], x[k], y[k])
     else:
         for k in range(pairs):
             weight[k] = F(0)
         for ray in range(9):
             for k in range(pairs):
-                weight[k] += ray_share(cam, plane, rim, qx[k], qy[k], ray, x[k], y[k])
+                weight[k] += ray_weight(cam, plane, rim, qx[k], qy[k], ray, x[k], y[k])
 
 
 @part
-def block_begin(
+def block_centres(
     cam: CameraConstants,
     plane: Plane,
     m: np.float32,
@@ -150,8 +149,8 @@ def block_begin(
     j_of: NDArray[np.int64],
     high: np.float32,
 ) -> None:
-    """Voxels of a block in cells from lens (0, 0), seen through the view's nominal portion, and their first row of
-    lenses."""
+    """Voxels of a block, seen through the view's nominal portion, in cells from lens (0, 0), and the first row of
+    lenses that each may light."""
     spacing = plane.pitch * cam.row
     for k in range(count):
         ax = plane.cell_x * (cam.x0 + F(column[k])) + plane.move * m - plane.origin_x
@@ -161,7 +160,7 @@ def block_begin(
 
 
 @part
-def block_columns(
+def first_lenses(
     cam: CameraConstants,
     plane: Plane,
     count: int,
@@ -171,7 +170,7 @@ def block_columns(
     wide: np.float32,
     first_i: NDArray[np.int64],
 ) -> None:
-    """First lens of the window in its row ``dj``, for each voxel of a block."""
+    """The first lens that each voxel of a block may light in row ``dj`` of its window."""
     for k in range(count):
         odd = F((j_of[k] + dj) & 1) if cam.hexagonal else F(0)
         first_i[k] = floor_of((cx[k] - wide) / plane.pitch - F(0.5) * odd) + 1
@@ -201,7 +200,7 @@ def fill_block(
 
 
 @kernel
-def walk(
+def project(
     begin: int,
     end: int,
     cam: CameraConstants,
@@ -223,10 +222,10 @@ def walk(
     out: NDArray[np.float32],
     scatter: bool,
 ) -> None:
-    """The listed voxels and the lenses that each lights in one view.
+    """Project the listed voxels to one view, or an image of it back to the voxels.
 
-    ``scatter``: add the voxels' light to ``partial`` (chunk, lens). Otherwise: the share-weighted sum of ``image``
-    (lens,) for each voxel into ``out``. ``chunks``: bounds of runs of rows, of which ``begin`` to ``end`` are walked.
+    ``scatter``: add the voxels' light to ``partial`` (chunk, lens). Otherwise: the sum of ``image`` (lens,) for each
+    voxel by its weights, into ``out``. ``chunks``: bounds of runs of rows, of which ``begin`` to ``end`` are worked on.
     """
     for c in range(begin, end):
         block_column, block_row = np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int32)
@@ -254,16 +253,16 @@ def walk(
             slots = lenses * lens_rows
             while start < plane_end:
                 count, row = fill_block(plane_end, start, row, ny, row_start, column, block_column, block_row)
-                block_begin(cam, plane, m, n, count, block_column, block_row, cx, cy, j_of, high)
+                block_centres(cam, plane, m, n, count, block_column, block_row, cx, cy, j_of, high)
                 for k in range(count):
                     total[k] = values[start + k] * plane.light if scatter else F(0)
                 pairs = 0
                 for slot in range(slots):
                     dj, di = slot // lenses, slot % lenses
                     if di == 0:
-                        block_columns(cam, plane, count, cx, j_of, dj, wide, first_i)
+                        first_lenses(cam, plane, count, cx, j_of, dj, wide, first_i)
                     slot_places(cam, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, lens, x, y, qx, qy, m, n)
-                    pairs = collect(
+                    pairs = collect_pairs(
                         count,
                         reach_x,
                         reach_y,
@@ -282,7 +281,7 @@ def walk(
                     )
                     if pairs < PAIRS - BLOCK and slot < slots - 1:
                         continue
-                    pair_shares(
+                    pair_weights(
                         cam, plane, rule, rim, share, pairs, pair_lens, pair_x, pair_y, pair_qx, pair_qy, weight
                     )
                     if scatter:

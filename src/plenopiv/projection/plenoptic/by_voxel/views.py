@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.projection.correction import correct
-from plenopiv.projection.plenoptic.by_voxel.kernels import walk
+from plenopiv.projection.plenoptic.by_voxel.kernels import project
 from plenopiv.projection.plenoptic.geometry import CameraOnGrid
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume
 
-CHUNKS = 64  # of rows of voxels, shared out among threads
+CHUNKS = 64  # of rows of voxels, distributed among threads
 PARTIAL_IMAGES = 16  # of one view, summed in order
 NOTHING, NO_IMAGES = np.empty(1, np.float32), np.empty((1, 1), np.float32)
 
@@ -31,7 +31,7 @@ class ViewsByVoxel:
         images = np.zeros((views.size, self.layout.lenses), np.float32)
         for view, image in zip(views, images, strict=True):
             partial = np.empty((PARTIAL_IMAGES, self.layout.lenses), np.float32)
-            self._walk(view, volume, PARTIAL_IMAGES, NOTHING, partial, NOTHING, True)
+            self._project(view, volume, PARTIAL_IMAGES, NOTHING, partial, NOTHING, True)
             image[:] = partial.sum(0)
             image[~self.layout.seen[view]] = 0.0
         return images
@@ -43,7 +43,7 @@ class ViewsByVoxel:
         out = np.zeros(volume.values.size, np.float32)
         for view, image in zip(views, images, strict=True):
             seen, part = np.where(self.layout.seen[view], image, 0.0).astype(np.float32), np.empty_like(out)
-            self._walk(view, volume, CHUNKS, seen, NO_IMAGES, part, False)
+            self._project(view, volume, CHUNKS, seen, NO_IMAGES, part, False)
             out += part
         return out
 
@@ -57,7 +57,7 @@ class ViewsByVoxel:
         bounds[0], bounds[-1] = 0, volume.row_start.size - 1
         return bounds.astype(np.int64)
 
-    def _walk(
+    def _project(
         self,
         view: np.int64,
         volume: SparseVolume,
@@ -71,4 +71,4 @@ class ViewsByVoxel:
         camera = self.camera.cam, self._box, self.layout.clock, self.camera.planes, self.camera.grid.shape[1]
         pixels = self.rule, bool(self.camera.rim[view]), m, n, self.layout.fill[view]
         listed = self._row_chunks(volume, chunks), volume.row_start, volume.column, volume.values
-        in_threads(walk, chunks, *camera, *pixels, *listed, image, partial, out, scatter)
+        in_threads(project, chunks, *camera, *pixels, *listed, image, partial, out, scatter)

@@ -1,8 +1,8 @@
 """Voxels across a border between microlenses, in the plane in focus.
 
 There all views see the same borders. A voxel that lies across one may hold a particle on either side, so that no pixel
-by itself is sure of any of its light, and ``pruning`` keeps the voxel whatever the image shows. But the pixels that it
-touches collect all of that light together:
+by itself is sure of any of its light, and ``kernels.rule_out`` keeps the voxel whatever the image shows. But the pixels
+that it touches collect all of that light together:
 
     E light <= sum over the microlenses S touched of I_S        in every view.
 
@@ -26,10 +26,10 @@ nearest = inlined(nearest_lens)
 
 
 def borders_coincide(layout: Layout, grid: VoxelGrid, plane: int) -> bool:
-    """Whether the views' footprints in a plane are less than half a voxel apart from the middle one's."""
+    """Whether the footprints of all views in a plane lie less than half a voxel from the middle view's."""
     camera, z = layout.camera, grid.axes()[2][plane]
-    apart = abs(float(camera.spread(z))) * 0.5 * camera.main_lens.aperture_mm
-    return apart < 0.5 * abs(float(camera.scale(z))) * min(grid.voxel_mm[:2])
+    separation_mm = abs(float(camera.spread(z))) * 0.5 * camera.main_lens.aperture_mm
+    return separation_mm < 0.5 * abs(float(camera.scale(z))) * min(grid.voxel_mm[:2])
 
 
 def rule_out_together(
@@ -55,7 +55,7 @@ def rule_out_together(
     half_x, half_y = (float(0.5 * abs(scale) * size + blur) for size in grid.voxel_mm[:2])
     lattice = camera.lattice
     if max(half_x, half_y) > 0.5 * lattice.pitch_mm:
-        return  # a microlens could lie between the points asked
+        return  # a microlens could lie between the points that are checked
     turned = cos(lattice.rotation_rad) / lattice.pitch_mm, sin(lattice.rotation_rad) / lattice.pitch_mm
     about = lattice.kind == "hexagonal", lattice.row_spacing, *turned
     box = layout.i0, layout.j0, layout.ni, layout.nj
@@ -82,7 +82,7 @@ def judge_together(
     alive: NDArray[np.uint8],
 ) -> None:
     """``rule_out_together`` for rows ``begin`` to ``end``. ``at_s`` and ``at_t``: a plane's voxels on the microlens
-    plane, from lens (0, 0); ``c`` and ``s``: cosine and sine of the lattice's rotation by its pitch."""
+    plane, mm from lens (0, 0). ``c`` and ``s``: cosine and sine of the lattice's rotation divided by its pitch."""
     lenses = np.empty(9, np.int64)
     for r in range(begin, end):
         for k in range(at_s.size):

@@ -1,7 +1,7 @@
-"""CPU kernel of dense ray tracing: which voxels of a slab of planes could hold a particle at all.
+"""Kernel of dense ray tracing: which voxels of a slab of planes could hold a particle at all.
 
-Run from the microlens' side: a pixel that collected little light rules out every voxel that would give it more. Only
-such pixels cost time, and no two threads own the same plane.
+It goes through the pixels: one that collected little light rules out every voxel that would give it more. Only such
+pixels cost time, and no two threads work on the same plane.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from plenopiv.projection.plenoptic.pixel_weights import (
     area_of,
     box_of,
     floor_of,
-    pixel_share,
+    pixel_weight,
     plane_of,
     ray_inside,
-    ray_share,
+    ray_weight,
     reach_of,
 )
 from plenopiv.projection.plenoptic.plane_maps.view_pixels import lit_part
 
 LANES = 16  # voxels of a row computed at once: the widest float32 vector
 F = np.float32
-LEAST_SHARE = 0.05  # of the largest that a voxel of the plane gives: one so far at its footprint's rim is not judged
+LEAST_WEIGHT = 0.05  # of the largest in the plane: smaller ones, at a footprint's rim, do not judge a voxel
 INTEGRATION = 64  # samples across a pixel's footprint
-TOGETHER = 4  # rows of voxels looked at together, and views between one summary of what is left and the next
+TOGETHER = 4  # rows of voxels checked together, and views between one summary of what is left and the next
 
 
 @inlined
@@ -44,7 +44,7 @@ def row_weights(
     plane: Plane,
     rule: int,
     rim: bool,
-    share: np.float32,
+    lit: np.float32,
     qx: np.float32,
     qy: np.float32,
     x0: np.float32,
@@ -56,12 +56,12 @@ def row_weights(
     n: int,
     weight: NDArray[np.float32],
 ) -> None:
-    """Shares of a pixel for voxels in a row: voxel i lies (x0 + i step_x, y0 + i step_y) cells off its footprint's
+    """Weights of the voxels of a row in a pixel: voxel i lies (x0 + i step_x, y0 + i step_y) cells from its footprint's
     centre.
 
     Computes whole vectors of LANES voxels, so that no scalar remainder is left: n is a multiple of LANES. Voxels
-    outside the footprint get 0. ``share``: of the pixel that is lit, for a single ray. ``out_x``, ``out_y``: cells by
-    which an exact area is taken further out than the voxel's centre.
+    outside the footprint get 0. ``lit``: share of the pixel that is lit, for a single ray. ``out_x``, ``out_y``: cells
+    by which a voxel is taken further from the footprint's centre than its own centre, for exact areas.
     """
     for b in range(0, n, LANES):
         part = weight[b : b + LANES]
@@ -69,24 +69,24 @@ def row_weights(
             for i in range(LANES):
                 f = F(b + i)
                 x, y = outward(x0 + f * step_x, out_x), outward(y0 + f * step_y, out_y)
-                part[i] = pixel_share(cam, plane, x, y)
+                part[i] = pixel_weight(cam, plane, x, y)
         elif rule == ONE_RAY:
             for i in range(LANES):
                 f = F(b + i)
-                part[i] = share * ray_inside(cam, x0 + f * step_x, y0 + f * step_y)
+                part[i] = lit * ray_inside(cam, x0 + f * step_x, y0 + f * step_y)
         else:
             part[:] = F(0)
             for ray in range(9):
                 for i in range(LANES):
                     f = F(b + i)
-                    part[i] += ray_share(cam, plane, rim, qx, qy, ray, x0 + f * step_x, y0 + f * step_y)
+                    part[i] += ray_weight(cam, plane, rim, qx, qy, ray, x0 + f * step_x, y0 + f * step_y)
 
 
 @part
-def footprint_of(
+def footprint_centre(
     cam: CameraConstants, plane: Plane, s: np.float32, t: np.float32, qx: np.float32, qy: np.float32
 ) -> tuple[np.float32, np.float32]:
-    """Where a pixel's light comes from in a plane: the middle of its footprint, voxels along x and y."""
+    """The centre of a pixel's footprint in a plane, voxels along x and y."""
     cx = plane.voxel_s * s + plane.step_x * qx - cam.x0
     cy = plane.voxel_t * t + plane.step_y * qy - cam.y0
     return cx, cy
@@ -94,18 +94,18 @@ def footprint_of(
 
 @part
 def weight_sums(cam: CameraConstants, plane: Plane) -> tuple[float, float, np.float32]:
-    """Over all places of a voxel in a plane, the integrals of its share of a pixel and of the share's square
-    (cells^2), and the largest share."""
+    """Over all places of a voxel in a plane, the integrals of its weight in a pixel and of the weight's square
+    (cells^2), and the largest weight."""
     wide, high = reach_of(cam, plane, np.int64(EXACT))
     total, squares, most, scale = 0.0, 0.0, F(0), F(0.25) / (plane.half * plane.half)
     for j in range(INTEGRATION):
         for i in range(INTEGRATION):
             x = F((i + 0.5) * (2.0 / INTEGRATION) - 1.0) * wide
             y = F((j + 0.5) * (2.0 / INTEGRATION) - 1.0) * high
-            share = area_of(cam, x, y, plane.half, plane.half) * scale
-            total += share
-            squares += share * share
-            most = max(most, share)
+            weight = area_of(cam, x, y, plane.half, plane.half) * scale
+            total += weight
+            squares += weight * weight
+            most = max(most, weight)
     area = 4.0 * wide * high / INTEGRATION**2
     return total * area, squares * area, most
 
@@ -158,13 +158,13 @@ def rule_out(
     blur: NDArray[np.float32],
     alive: NDArray[np.uint8],
 ) -> None:
-    """Rule out voxels that would light a pixel more than ``bound`` (view, lens) allows, in counts.
+    """Rule out voxels in which a particle would give a pixel more than ``bound`` (view, lens), counts.
 
     Of planes ``turns[begin:end]``. ``alive``: uint8 (planes, ny, nx + LANES), 1 for voxels not ruled out. ``table`` and
-    ``largest`` (planes,), the largest share of a pixel, are those of its planes. ``particle``: light of a particle in
-    counts, all pixels together. ``blur`` (planes,): cells that half a voxel in depth moves a footprint, per pixel of q.
-    A voxel's share of a pixel is the least over the places within it (for exact areas). A pixel that the aperture's rim
-    cuts counts as in ``views``. Views are tried in ``order``.
+    ``largest`` (planes,), the largest weight, are those of its planes. ``particle``: light of a particle in counts, all
+    pixels together. ``blur`` (planes,): cells that half a voxel in depth moves a footprint, per pixel of q. A voxel's
+    weight is the least over the places within it (for exact areas). A pixel that the aperture's rim cuts is taken as in
+    ``plane_maps.view_pixels``. Views are tried in ``order``.
     """
     _, ny, nx = alive.shape
     alive, bound, lens_mm, phase = borrowed((alive, bound, lens_mm, phase))
@@ -177,7 +177,7 @@ def rule_out(
         if rule == EXACT:
             half_x = F(0.5) * (abs(plane.cell_x * cam.cos) + abs(plane.cell_y * cam.sin))
             half_y = F(0.5) * (abs(plane.cell_y * cam.cos) + abs(plane.cell_x * cam.sin))
-        least = F(LEAST_SHARE) * largest[k]
+        least = F(LEAST_WEIGHT) * largest[k]
         reach_x, reach_y = box_of(cam, plane, rule)
         for tried, view in enumerate(order):
             if tried % TOGETHER == 0:
@@ -194,7 +194,7 @@ def rule_out(
                     limit /= max(lit, F(1e-3))
                     if limit >= largest[k]:
                         continue
-                cx, cy = footprint_of(cam, plane, lens_mm[lens, 0], lens_mm[lens, 1], qx, qy)
+                cx, cy = footprint_centre(cam, plane, lens_mm[lens, 0], lens_mm[lens, 1], qx, qy)
                 i0, i1 = max(floor_of(cx - reach_x) + 1, 0), min(floor_of(cx + reach_x) + 1, nx - LANES)
                 j0, j1 = max(floor_of(cy - reach_y) + 1, 0), min(floor_of(cy + reach_y) + 1, ny)
                 if i0 >= i1 or j0 >= j1:

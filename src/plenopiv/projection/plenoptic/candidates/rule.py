@@ -1,7 +1,7 @@
 """The rule of dense ray tracing, plane by plane: a voxel stays unless a pixel of one of the judging views rules it out.
 
-Views near one another say nearly the same, so every other one judges. Exact weights are the least within a voxel;
-voxels in focus that lie across microlenses are judged by all of their pixels together (``in_focus``).
+Neighbouring views carry nearly the same information, so every other one judges. Exact weights are the least
+within a voxel; voxels in focus that lie across microlenses are judged by all of their pixels together (``in_focus``).
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def judging_views(camera: CameraOnGrid) -> NDArray[np.int64]:
 
 
 def weight_sums(camera: CameraOnGrid) -> NDArray[np.float64]:
-    """How widely each plane spreads a voxel's light, (nz, 3): over all voxels of an endless plane, the sum of their
-    exact weights in one pixel and the sum of the weights' squares; and the largest weight."""
+    """Of each plane, (nz, 3): the sum of the exact weights of its voxels in one pixel, were the plane without borders;
+    the sum of their squares; and the largest weight."""
     out = np.empty((camera.grid.shape[0], 3))
     in_threads(kernels.weight_sums_of_planes, len(out), camera.cam, camera.planes, out)
     cells = camera.column("cell_x", "cell_y")
@@ -42,7 +42,7 @@ def candidate_planes(
     camera: CameraOnGrid, rule: int, most: NDArray[np.float32], particle: float
 ) -> Iterator[NDArray[np.bool_]]:
     """Plane by plane the visible voxels (ny, nx) in which a particle of ``particle`` counts gives no pixel more than
-    ``most`` (view, lens), by weights of a ``rule`` of ``pixel_weights``."""
+    ``most`` (view, lens). ``rule``: of ``pixel_weights``."""
     where, grid, order = camera.layout, camera.grid, judging_views(camera)
     most = np.where(where.seen, most, np.float32(np.inf))
     exact = rule == EXACT

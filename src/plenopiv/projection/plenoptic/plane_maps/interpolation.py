@@ -1,11 +1,12 @@
-"""Reading a map between its points, and writing there: the inner loops of ``strips``, LANES places at once.
+"""Interpolation between the points of a map, and its transpose: the inner loops of ``reading``, LANES places at once.
 
-A place lies between four points, two neighbours of one row and two of the next; neighbours are loaded and stored as one
-number of 64 bits, which the compiler's vectoriser does not find. Written in LLVM's terms; for each place n the same as
+A place lies between four points, two neighbours of one row and two of the next; two neighbours are loaded and stored as
+one number of 64 bits, which the compiler's vectoriser does not find. Written as LLVM instructions; for each place n the
+same as
 
-    above = values[at] + across (values[at + 1] - values[at])
-    below = values[at + width] + across (values[at + width + 1] - values[at + width])
-    into[begin + n] += factor share[n] (above + along (below - above))
+    above = values[at] + frac_x (values[at + 1] - values[at])
+    below = values[at + width] + frac_x (values[at + width + 1] - values[at + width])
+    image[begin + n] += factor lit[n] (above + frac_y (below - above))
 
 and its transpose.
 """
@@ -59,9 +60,9 @@ def _load_pair(builder: ir.IRBuilder, start: ir.Value) -> ir.Value:
     return pair
 
 
-def _mixed(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, share: ir.Value) -> ir.Value:
-    """a + share (b - a)"""
-    return builder.fadd(a, builder.fmul(share, builder.fsub(b, a), flags=CONTRACT), flags=CONTRACT)
+def _interpolated(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, fraction: ir.Value) -> ir.Value:
+    """a + fraction (b - a)"""
+    return builder.fadd(a, builder.fmul(fraction, builder.fsub(b, a), flags=CONTRACT), flags=CONTRACT)
 
 
 def _points(builder: ir.IRBuilder, at: ir.Value, offset: ir.Value) -> list[ir.Value]:
@@ -78,38 +79,39 @@ def read_places(
     values: types.Array,
     width: types.Integer,
     at: types.Array,
-    across: types.Array,
-    along: types.Array,
-    share: types.Array,
+    frac_x: types.Array,
+    frac_y: types.Array,
+    lit: types.Array,
     offset: types.Integer,
     factor: types.Float,
     image: types.Array,
     begin: types.Integer,
 ) -> Intrinsic:
-    """Add ``factor * share`` times what ``values`` (rows of ``width``) are at LANES places to ``image`` from ``begin``.
-    Places are those from ``offset`` on of ``at`` (int32), ``across``, ``along`` and ``share``; nothing is checked."""
-    arrays = at, across, along, share
+    """Add ``factor * lit`` times the interpolated ``values`` (rows of ``width``) at LANES places to ``image`` from
+    ``begin`` on. Places are those from ``offset`` on of ``at`` (int32), ``frac_x``, ``frac_y`` and ``lit``; nothing is
+    checked."""
+    arrays = at, frac_x, frac_y, lit
     signature = types.void(values, types.int64, *arrays, types.int64, types.float32, image, types.int64)
 
     def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Sequence[ir.Value]) -> ir.Value:
         kinds = signature.args
-        values, at, across, along, share, image = (
+        values, at, frac_x, frac_y, lit, image = (
             data_of(context, builder, kinds[n], arguments[n]) for n in (0, 2, 3, 4, 5, 8)
         )
         width, offset, factor, begin = (arguments[n] for n in (1, 6, 7, 9))
         points = _points(builder, at, offset)
         above = [_load_pair(builder, _pair_at(builder, values, p)) for p in points]
         below = [_load_pair(builder, _pair_at(builder, values, builder.add(p, width))) for p in points]
-        half, downs, mixed = LANES // 2, load_vector(builder, along, offset), []
+        half, downs, mixed = LANES // 2, load_vector(builder, frac_y, offset), []
         for first in (0, half):
             twice = builder.shuffle_vector(downs, downs, _order(first + n // 2 for n in range(LANES)))
             a, b = (_joined(builder, pairs[first : first + half]) for pairs in (above, below))
-            mixed.append(_mixed(builder, a, b, twice))
+            mixed.append(_interpolated(builder, a, b, twice))
         left, right = (builder.shuffle_vector(*mixed, _order(range(side, 2 * LANES, 2))) for side in (0, 1))
-        light = _mixed(builder, left, right, load_vector(builder, across, offset))
-        shares = builder.fmul(in_all_lanes(builder, factor), load_vector(builder, share, offset))
+        light = _interpolated(builder, left, right, load_vector(builder, frac_x, offset))
+        factors = builder.fmul(in_all_lanes(builder, factor), load_vector(builder, lit, offset))
         total = builder.fadd(
-            load_vector(builder, image, begin), builder.fmul(shares, light, flags=CONTRACT), flags=CONTRACT
+            load_vector(builder, image, begin), builder.fmul(factors, light, flags=CONTRACT), flags=CONTRACT
         )
         builder.store(total, vector_at(builder, image, begin)).align = 4
         return context.get_dummy_value()
@@ -123,26 +125,26 @@ def write_places(
     image: types.Array,
     begin: types.Integer,
     at: types.Array,
-    across: types.Array,
-    along: types.Array,
-    share: types.Array,
+    frac_x: types.Array,
+    frac_y: types.Array,
+    lit: types.Array,
     offset: types.Integer,
     values: types.Array,
     width: types.Integer,
 ) -> Intrinsic:
-    """The transpose of ``read_places`` but for its factor: add ``share`` times the LANES numbers of ``image`` from
+    """The transpose of ``read_places`` but for its factor: add ``lit`` times the LANES numbers of ``image`` from
     ``begin`` on to ``values``, one place after the other."""
-    arrays = at, across, along, share
+    arrays = at, frac_x, frac_y, lit
     signature = types.void(image, types.int64, *arrays, types.int64, values, types.int64)
 
     def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Sequence[ir.Value]) -> ir.Value:
         kinds = signature.args
-        image, at, across, along, share, values = (
+        image, at, frac_x, frac_y, lit, values = (
             data_of(context, builder, kinds[n], arguments[n]) for n in (0, 2, 3, 4, 5, 7)
         )
         begin, offset, width = (arguments[n] for n in (1, 6, 8))
-        whole = builder.fmul(load_vector(builder, share, offset), load_vector(builder, image, begin))
-        downs, right = load_vector(builder, along, offset), load_vector(builder, across, offset)
+        whole = builder.fmul(load_vector(builder, lit, offset), load_vector(builder, image, begin))
+        downs, right = load_vector(builder, frac_y, offset), load_vector(builder, frac_x, offset)
         below = builder.fmul(downs, whole)
         rows = []
         for row in (builder.fsub(whole, below), below):

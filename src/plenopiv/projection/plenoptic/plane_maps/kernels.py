@@ -1,7 +1,8 @@
-"""CPU kernels that spread voxels into the maps of their planes (``maps``) and read views off them, and back.
+"""Kernels: listed voxels of each plane are spread into its map, views are read off the maps, and back.
 
-A map is worked on strip by strip, each some rows that stay in the second-level cache. Threads own planes; forward, a
-fixed number of images is summed in order, so that no sum depends on the number of threads.
+A map is worked on in *strips*: some consecutive rows of it that fit into the second-level cache. A *group* is the
+planes that share one map (``maps.PlaneGroups``). Each thread has groups of its own; forward, a fixed number of partial
+images is summed in order, so that no sum depends on the number of threads.
 
 Kernels are kept small on purpose: inlined into one large function the innermost loops take twice as long.
 """
@@ -14,28 +15,28 @@ from numpy.typing import NDArray
 from plenopiv.kernels import borrowed, inlined, kernel
 from plenopiv.projection.plenoptic.geometry import CameraConstants, Plane
 from plenopiv.projection.plenoptic.pixel_weights import plane_of
-from plenopiv.projection.plenoptic.plane_maps.maps import Maps, MapShape, MapSize
-from plenopiv.projection.plenoptic.plane_maps.reading import read, roll, write
-from plenopiv.projection.plenoptic.plane_maps.view_pixels import Views
-from plenopiv.projection.plenoptic.plane_maps.voxel_rows import first_line, spread_rows, sum_rows
+from plenopiv.projection.plenoptic.plane_maps.maps import MapShape, MapSize, PlaneMaps
+from plenopiv.projection.plenoptic.plane_maps.reading import move_up, read_view, write_view
+from plenopiv.projection.plenoptic.plane_maps.view_pixels import ViewPixels
+from plenopiv.projection.plenoptic.plane_maps.voxel_rows import first_map_row, spread_rows, sum_rows
 from plenopiv.threads import in_turn
 
 F = np.float32
 ZERO = np.int64(0)  # of a plain 0 Numba makes a type of its own, and compiles twice what takes it
 STRIP = 1 << 17  # points worked on at once: they stay in the second-level cache
-RUNS = 16  # of planes, shared out among threads; forward, as many partial images are summed in order
-FIRST = in_turn(RUNS)  # group of planes of a run, which takes every RUNS-th
+RUNS = 16  # of groups of planes, distributed among threads; forward, as many partial images are summed in order
+FIRST_GROUP = in_turn(RUNS)  # of a run, which takes every RUNS-th group of planes
 
 
 @inlined
-def rows_before(shape: MapShape, line: int, ny: int) -> int:
-    """The number of rows of voxels that reach only rows of a map before ``line``."""
-    return min((((line - 1 - shape[2]) << shape[5]) - 1) // shape[4] + 1, ny)
+def rows_before(shape: MapShape, map_row: int, ny: int) -> int:
+    """The number of rows of voxels that reach only rows of the map before ``map_row``."""
+    return min((((map_row - 1 - shape[2]) << shape[5]) - 1) // shape[4] + 1, ny)
 
 
 @inlined
 def shape_of(shapes: NDArray[np.int64], k: int) -> MapShape:
-    """What ``Maps.shape`` says of plane k, as numbers: an array is dear to take apart."""
+    """``PlaneMaps.shape`` of plane k as numbers: taking an array apart again and again costs time."""
     return shapes[k, 0], shapes[k, 1], shapes[k, 2], shapes[k, 3], shapes[k, 4], shapes[k, 5]
 
 
@@ -52,21 +53,22 @@ def forward_planes(
     shape: MapShape,
     border: NDArray[np.int64],
     planes: tuple[int, int],
-    maps: Maps,
+    maps: PlaneMaps,
     ny: int,
-    views: Views,
+    views: ViewPixels,
     row_start: NDArray[np.int64],
     column: NDArray[np.uint16],
     values: NDArray[np.float32],
     strip: NDArray[np.float32],
-    spare: NDArray[np.float32],
+    buffer: NDArray[np.float32],
     light: NDArray[np.float32],
 ) -> None:
-    """Add to ``light`` (count,) what the pixels of some views collect of the listed voxels of ``planes`` (first, end),
-    which share one map.
+    """Add to ``light`` (count,) what the pixels of the views collect of the listed voxels of ``planes`` (first, end),
+    one group.
 
-    The map is made strip by strip from above: rows of voxels are spread while they fit in, pixels read from the rows
-    that no other voxel reaches, and what is left rolled to the strip's beginning."""
+    The map is made strip by strip from above: rows of voxels are spread as long as the strip holds all that they reach;
+    pixels are read from the rows that no further voxel reaches; the remaining rows move to the beginning of the strip.
+    """
     size = size_of(shape)
     height, width, _ = size
     lines = strip.size // width
@@ -77,14 +79,14 @@ def forward_planes(
         stop = rows_before(shape, bottom, ny)
         for k in range(planes[0], planes[1]):
             rows = row_start[k * ny : (k + 1) * ny + 1]
-            spread_rows(of_plane(maps, k), shape, j, stop, top, rows, column, values, strip, spare)
+            spread_rows(weights_of(maps, k), shape, j, stop, top, rows, column, values, strip, buffer)
         j = stop
-        finished = first_line(shape, j) if j < ny else bottom
+        finished = first_map_row(shape, j) if j < ny else bottom
         for n in range(views.start.size - 1):
-            read(cam, plane, size, border, views, n, top, top, finished - 1, strip, light)
+            read_view(cam, plane, size, border, views, n, top, top, finished - 1, strip, light)
         if bottom == height:
             return
-        roll(strip, width, finished - 1 - top, lines)
+        move_up(strip, width, finished - 1 - top, lines)
         top = finished - 1
 
 
@@ -95,19 +97,19 @@ def gather_planes(
     shape: MapShape,
     border: NDArray[np.int64],
     planes: tuple[int, int],
-    maps: Maps,
+    maps: PlaneMaps,
     ny: int,
-    views: Views,
+    views: ViewPixels,
     row_start: NDArray[np.int64],
     column: NDArray[np.uint16],
     image: NDArray[np.float32],
     multiply: int,
     strip: NDArray[np.float32],
-    spare: NDArray[np.float32],
+    buffer: NDArray[np.float32],
     out: NDArray[np.float32],
 ) -> None:
-    """What ``gather`` does for ``planes`` that share one map: it is made strip by strip from above, and rows of voxels
-    are summed once all pixels around them are in."""
+    """``gather`` for ``planes``, one group. The map is made strip by strip from above, and rows of voxels are summed as
+    soon as the strip holds the corrections of all pixels around them."""
     size = size_of(shape)
     height, width, _ = size
     lines = strip.size // width
@@ -116,22 +118,22 @@ def gather_planes(
     while True:
         bottom = min(top + lines, height)
         for n in range(views.start.size - 1):
-            write(cam, plane, size, border, views, n, top, written, bottom - 1, image, strip)
+            write_view(cam, plane, size, border, views, n, top, written, bottom - 1, image, strip)
         written = bottom - 1
         stop = rows_before(shape, written, ny)
         for k in range(planes[0], planes[1]):
             rows = row_start[k * ny : (k + 1) * ny + 1]
-            sum_rows(of_plane(maps, k), shape, j, stop, top, rows, column, strip, spare, multiply, out)
+            sum_rows(weights_of(maps, k), shape, j, stop, top, rows, column, strip, buffer, multiply, out)
         j = stop
         if j == ny:
             return
-        roll(strip, width, first_line(shape, j) - top, lines)
-        top = first_line(shape, j)
+        move_up(strip, width, first_map_row(shape, j) - top, lines)
+        top = first_map_row(shape, j)
 
 
-def workspace_of(shape: NDArray[np.int64], size: int) -> tuple[int, int, int]:
-    """Points of a strip of any plane's map: ``size``, or what two rows of voxels reach if that is more; and number and
-    length of the lines of a row, as ``rows`` needs them."""
+def workspace_size(shape: NDArray[np.int64], size: int) -> tuple[int, int, int]:
+    """Sizes of a thread's working memory: points of the largest strip, which is ``size``, or what two rows of voxels
+    reach where that is more; number and length of the lines that ``voxel_rows`` needs."""
     most = 0
     for height, width, rows, _, points, _ in shape.tolist():
         most = max(most, max(min(size // width, height), 2 * rows + points + 2) * width)
@@ -139,9 +141,9 @@ def workspace_of(shape: NDArray[np.int64], size: int) -> tuple[int, int, int]:
 
 
 @inlined
-def of_plane(maps: Maps, k: int) -> tuple[NDArray[np.float32], NDArray[np.float32], int]:
-    """A plane's shares, their outer products and the number of these."""
-    return maps.shares[maps.start[k, 0] :], maps.parts[maps.start[k, 1] :], maps.rank[k]
+def weights_of(maps: PlaneMaps, k: int) -> tuple[NDArray[np.float32], NDArray[np.float32], int]:
+    """The weights of a plane, its outer products and their number."""
+    return maps.weights[maps.start[k, 0] :], maps.factors[maps.start[k, 1] :], maps.rank[k]
 
 
 @kernel
@@ -151,29 +153,45 @@ def forward(
     cam: CameraConstants,
     table: NDArray[np.float32],
     first: NDArray[np.int64],
-    maps: Maps,
+    maps: PlaneMaps,
     workspace: tuple[int, int, int],
-    views: Views,
+    views: ViewPixels,
     ny: int,
     row_start: NDArray[np.int64],
     column: NDArray[np.uint16],
     values: NDArray[np.float32],
     partial: NDArray[np.float32],
 ) -> None:
-    """Light of the listed voxels in the pixels of views. Planes ``first[g]`` to ``first[g + 1]`` share one map, seen
-    as ``table[g]`` is (``maps.Read``). Each row of ``partial`` (RUNS, count) takes that of some of them; rows ``begin``
-    to ``end`` are filled. ``workspace``: as ``workspace_of`` tells it."""
+    """Light of the listed voxels in the pixels of ``views``.
+
+    Planes ``first[g]`` to ``first[g + 1]`` are group g, with the constants ``table[g]``. Each row of ``partial`` (RUNS,
+    count) takes the light of every RUNS-th group; rows ``begin`` to ``end`` are filled. ``workspace``:
+    ``workspace_size``.
+    """
     count, maps, views = first.size - 1, borrowed(maps), borrowed(views)
     row_start, column, values, partial = borrowed((row_start, column, values, partial))
     for c in range(begin, end):
         partial[c] = F(0)
-        strip, spare = np.empty(workspace[0], np.float32), np.empty((workspace[1], workspace[2]), np.float32)
-        for g in range(FIRST[c], count, RUNS):  # far from focus and near it alike
+        strip, buffer = np.empty(workspace[0], np.float32), np.empty((workspace[1], workspace[2]), np.float32)
+        for g in range(FIRST_GROUP[c], count, RUNS):  # so that each run has planes near focus and far from it
             planes = first[g], first[g + 1]
             if row_start[planes[0] * ny] < row_start[planes[1] * ny]:
-                plane, size, edge = plane_of(table, g), shape_of(maps.shape, planes[0]), maps.border[planes[0]]
+                plane, shape, edge = plane_of(table, g), shape_of(maps.shape, planes[0]), maps.border[planes[0]]
                 forward_planes(
-                    cam, plane, size, edge, planes, maps, ny, views, row_start, column, values, strip, spare, partial[c]
+                    cam,
+                    plane,
+                    shape,
+                    edge,
+                    planes,
+                    maps,
+                    ny,
+                    views,
+                    row_start,
+                    column,
+                    values,
+                    strip,
+                    buffer,
+                    partial[c],
                 )
 
 
@@ -184,9 +202,9 @@ def gather(
     cam: CameraConstants,
     table: NDArray[np.float32],
     first: NDArray[np.int64],
-    maps: Maps,
+    maps: PlaneMaps,
     workspace: tuple[int, int, int],
-    views: Views,
+    views: ViewPixels,
     ny: int,
     row_start: NDArray[np.int64],
     column: NDArray[np.uint16],
@@ -194,18 +212,18 @@ def gather(
     multiply: int,
     out: NDArray[np.float32],
 ) -> None:
-    """For each listed voxel the sum of ``image`` (count,) over the pixels of views, each by the share of a wholly lit
-    pixel that the voxel gives it, into ``out``; with ``multiply``, their number, ``out`` times ``factor_of`` it.
-    ``table``, ``first``: as for ``forward``."""
+    """For each listed voxel the sum of ``image`` (count,) over the pixels of ``views`` by its weights, into ``out``;
+    with ``multiply``, the number of views, ``out`` times ``factor_of`` that sum. ``table``, ``first``, ``workspace`` as
+    in ``forward``."""
     count, maps, views = first.size - 1, borrowed(maps), borrowed(views)
     row_start, column, image, out = borrowed((row_start, column, image, out))
     for c in range(begin, end):
-        strip, spare = np.empty(workspace[0], np.float32), np.empty((workspace[1], workspace[2]), np.float32)
-        for g in range(FIRST[c], count, RUNS):
+        strip, buffer = np.empty(workspace[0], np.float32), np.empty((workspace[1], workspace[2]), np.float32)
+        for g in range(FIRST_GROUP[c], count, RUNS):
             planes = first[g], first[g + 1]
             if row_start[planes[0] * ny] < row_start[planes[1] * ny]:
-                plane, size, edge = plane_of(table, g), shape_of(maps.shape, planes[0]), maps.border[planes[0]]
+                plane, shape, edge = plane_of(table, g), shape_of(maps.shape, planes[0]), maps.border[planes[0]]
                 gather_planes(
-                    cam, plane, size, edge, planes, maps, ny, views, row_start, column, image, multiply, strip, spare,
+                    cam, plane, shape, edge, planes, maps, ny, views, row_start, column, image, multiply, strip, buffer,
                     out,
                 )  # fmt: skip

@@ -1,13 +1,14 @@
-"""Maps of planes: what a pixel would collect of a plane of voxels, wherever its footprint were centred.
+"""Plane maps: what a pixel would collect of a plane of voxels, wherever its footprint were centred.
 
-In a plane every microlens sees the same footprint, only elsewhere. So the listed voxels of a plane are first spread
-into a map, each by the shares that it gives pixels whose footprints are centred on the points around it; a view is
-then read off the map at the places of its footprints, between points by linear interpolation (``strips``). Back,
-corrections are added to the map at those places, and each voxel sums the points around it. A voxel costs one small
-rectangle of products, however many microlenses it lights, and a microlens four points, however wide its footprint is.
+In a plane every microlens has the same footprint, only elsewhere. So the listed voxels of a plane are first spread into
+a map: each adds its value times its weight to the points around it, which stand for pixels whose footprints are centred
+there. A view is then read off the map at the places where the footprints of its pixels are centred, between points by
+linear interpolation (``reading``). Back, corrections are added to the map at those places, and each voxel sums the
+points around it by the same weights. A voxel costs one small rectangle of products, however many microlenses it lights,
+and a microlens four points, however wide its footprint is.
 
-A map's points are a voxel apart, closer where a footprint is narrow or ends sharply, near focus, and wider far from
-it, where its edge is a ramp. Here are their sizes and the shares around a voxel.
+A map's points are a voxel apart, closer where a footprint is narrow or has a sharp edge, near focus, and wider far from
+it, where its edge is a ramp. Here are the maps' sizes and the weights around a voxel.
 """
 
 from __future__ import annotations
@@ -25,47 +26,52 @@ from plenopiv.projection.plenoptic.plane_maps.simd import LANES
 from plenopiv.threads import in_threads
 
 ACROSS = 7.0  # points of a map across a footprint, at least; with 4, depth is worse by a quarter
-SMOOTH = 9.0  # squares of a step of more than a voxel on a footprint's width times the ramp at its edge, at least
-MOVED = 0.05  # of a footprint's width
-ENOUGH = 2 * ACROSS  # points across a footprint that ends sharply: no more
-SHARP = ((3, 1.0), (2, 2.5))  # points to a voxel where that ramp is shorter than so many voxels
-MOST_PARTS = 6  # outer products
-PART = 3e-4  # of the largest, below which one is left out
+SMOOTH = 9.0  # a step wider than a voxel is sqrt(width of a footprint * width of the ramp at its edge / SMOOTH)
+PAIR_SHIFT = 0.05  # of a footprint's width: light moves less between the planes of a pair
+MOST_ACROSS = 2 * ACROSS  # points across a footprint with a sharp edge, at most
+SHARP = ((3, 1.0), (2, 2.5))  # points to a voxel where the ramp at the edge is shorter than so many voxels
+MAX_RANK = 6  # outer products that make up a plane's weights, at most
+RANK_TOLERANCE = 3e-4  # of the largest singular value: outer products below it are left out
 F = np.float32
 
-MapShape = tuple[int, int, int, int, int, int]  # of a plane, as in ``Maps.shape``
+MapShape = tuple[int, int, int, int, int, int]  # of a plane, as in ``PlaneMaps.shape``
 MapSize = tuple[int, int, np.float32]  # rows and columns of a map, points to a voxel
 
 
-class Maps(NamedTuple):
-    """Of every plane ``shape`` (nz, 6): map rows and columns, rows and columns of a voxel's shares, points to a voxel
-    and the power of two of voxels to a point, one of which is 1; ``start`` (nz, 2): where those shares begin in
-    ``shares`` (float32), as often as there are voxels to a point along y and x, and their outer products in ``parts``;
-    ``border`` (nz, 2): points before the first voxel, along x and y; ``rank`` (nz,): how many outer products make up
-    the shares to PART of the largest, 0 where they would be more than MOST_PARTS."""
+class PlaneMaps(NamedTuple):
+    """The maps of all planes of a grid: their sizes and the weights of a voxel in the points around it.
+
+    ``shape`` (nz, 6): rows and columns of the map; rows and columns of the rectangle of weights around a voxel; points
+    to a voxel, 1 where several voxels come to a point; log2 of voxels to a point, 0 where several points come to a
+    voxel. ``border`` (nz, 2): points before the first voxel, along x and y. ``weights``: the rectangles of all planes
+    one after the other, one for each place of a voxel between points, of which there are voxels-to-a-point along y and
+    along x. ``factors``: the same as sums of outer products (``outer_products``). ``start`` (nz, 2): where those of a
+    plane begin in ``weights`` and in ``factors``. ``rank`` (nz,): number of a plane's outer products, 0 where it takes
+    more than MAX_RANK.
+    """
 
     shape: NDArray[np.int64]
     start: NDArray[np.int64]
     border: NDArray[np.int64]
-    shares: NDArray[np.float32]
+    weights: NDArray[np.float32]
     rank: NDArray[np.int64]
-    parts: NDArray[np.float32]
+    factors: NDArray[np.float32]
 
 
-def maps(
+def plane_maps(
     cam: CameraConstants, table: NDArray[np.float32], grid_shape: tuple[int, int, int], across: float = ACROSS
-) -> Maps:
-    """The maps of the planes of ``table`` (``geometry.planes``) of a camera ``cam`` (``geometry.rows``), with at least
-    ``across`` points across a footprint."""
+) -> PlaneMaps:
+    """The maps of the planes of ``table`` (``geometry.planes``) of a camera ``cam``, with at least ``across`` points
+    across a footprint."""
     nz, ny, nx = grid_shape
     shape, start, border = np.zeros((nz, 6), np.int64), np.zeros((nz, 2), np.int64), np.zeros((nz, 2), np.int64)
     reach = np.empty((nz, 3), np.float32)
-    footprint_box(cam, table, reach)
+    footprint_sizes(cam, table, reach)
     total = 0
     for k, (wide, high, ramp) in enumerate(reach.tolist()):
         narrow = 2 * min(wide, high)
         step = sqrt(ramp * narrow / SMOOTH) * ACROSS / across  # voxels
-        sharp = min(next((n for n, voxels in SHARP if ramp < voxels), 1), ceil(ENOUGH / narrow))
+        sharp = min(next((n for n, voxels in SHARP if ramp < voxels), 1), ceil(MOST_ACROSS / narrow))
         points = max(ceil(sharp * across / ACROSS), ceil(across / narrow))
         shift = max(0, floor(log2(step))) if points == 1 and step > 0 else 0
         right, down = (floor(points * half / 2**shift) for half in (wide, high))
@@ -76,88 +82,90 @@ def maps(
         shape[k] = last_row + 2 * down + 6, last_column + columns + 6, rows, columns, points, shift
         start[k, 0] = total
         total += rows * columns * 4**shift
-    shares = np.zeros(total, np.float32)
-    in_threads(tabulate, len(table), cam, table, shape, start, border, shares)
-    rank, parts = np.zeros(nz, np.int64), list[NDArray[np.float64]]()
+    weights = np.zeros(total, np.float32)
+    in_threads(tabulate_weights, len(table), cam, table, shape, start, border, weights)
+    rank, factors = np.zeros(nz, np.int64), list[NDArray[np.float64]]()
     for k, (_, _, rows, columns, _, shift) in enumerate(shape):
         voxels = 1 << shift
-        of_plane = shares[start[k, 0] :][: rows * columns * voxels**2].reshape(-1, rows, columns)
+        of_plane = weights[start[k, 0] :][: rows * columns * voxels**2].reshape(-1, rows, columns)
         of_plane[:] = sharpened(of_plane)
-        start[k, 1] = sum(part.size for part in parts)
+        start[k, 1] = sum(part.size for part in factors)
         found = outer_products(of_plane.reshape(voxels, voxels, rows, columns))
         rank[k] = len(found)
-        parts.extend(found)
-    return Maps(shape, start, border, shares, rank, np.concatenate([*parts, np.zeros(1)]).astype(np.float32))
+        factors.extend(found)
+    return PlaneMaps(shape, start, border, weights, rank, np.concatenate([*factors, np.zeros(1)]).astype(np.float32))
 
 
-def outer_products(shares: NDArray[np.float32]) -> list[NDArray[np.float64]]:
-    """Shares (voxels, voxels, rows, columns) as a sum of outer products: of each its column for every voxel along y
-    (voxels, rows), then its row for every voxel along x, in one array; none where it takes more than MOST_PARTS."""
-    voxels, _, rows, columns = shares.shape
-    matrix = shares.transpose(0, 2, 1, 3).reshape(voxels * rows, voxels * columns).astype(np.float64)
+def outer_products(weights: NDArray[np.float32]) -> list[NDArray[np.float64]]:
+    """Weights (voxels, voxels, rows, columns) of one plane as a sum of outer products: of each its column for every
+    voxel along y (voxels, rows), then its row for every voxel along x (voxels, columns), in one array; none where it
+    takes more than MAX_RANK."""
+    voxels, _, rows, columns = weights.shape
+    matrix = weights.transpose(0, 2, 1, 3).reshape(voxels * rows, voxels * columns).astype(np.float64)
     down, strength, across = np.linalg.svd(matrix, full_matrices=False)
-    count = int((strength > PART * strength[0]).sum())
-    if count > MOST_PARTS:
+    count = int((strength > RANK_TOLERANCE * strength[0]).sum())
+    if count > MAX_RANK:
         return []
     each = np.sqrt(strength[:count])
     return [np.concatenate([down[:, r] * each[r], across[r] * each[r]]) for r in range(count)]
 
 
-def sharpened(shares: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Shares (n, rows, columns) less the blur that linear interpolation between points will add in the mean.
+def sharpened(weights: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Weights (n, rows, columns) less the blur that linear interpolation between points adds on average.
 
-    A fraction f of a step between two points it adds f (1 - f)/2 squared steps of the second derivative: 1/12 in the
-    mean over f, which is taken off here along both axes. What is left is 2.5 times as small where shares are smooth.
-    Shares stay >= 0 and keep their sum.
+    At a fraction f of a step between two points interpolation adds f (1 - f)/2 squared steps of the second derivative:
+    1/12 on average over f, which is subtracted here along both axes. The remaining error is 2.5 times as small where
+    weights are smooth. Weights stay >= 0 and keep their sum.
     """
-    out = shares.astype(np.float64)
+    out = weights.astype(np.float64)
     for axis in (1, 2):
         beyond = np.pad(out, [(0, 0), *((int(a == axis),) * 2 for a in (1, 2))])
         before, after = (np.take(beyond, np.arange(out.shape[axis]) + side, axis) for side in (0, 2))
         out = out * (7 / 6) - (before + after) / 12
     out = np.maximum(out, 0.0)
-    scale = shares.sum((1, 2), dtype=np.float64) / np.maximum(out.sum((1, 2)), 1e-30)
+    scale = weights.sum((1, 2), dtype=np.float64) / np.maximum(out.sum((1, 2)), 1e-30)
     return (out * scale[:, None, None]).astype(np.float32)
 
 
-class Read(NamedTuple):
-    """How planes are read off maps: ``table`` (n, 14), where those that share a map are taken to be, and ``first``
-    (n + 1,), the first plane of each map."""
+class PlaneGroups(NamedTuple):
+    """Neighbouring planes that share one map. ``first`` (n + 1,): the first plane of each group; ``table`` (n, 14): the
+    constants of the plane that a group is taken to lie in (``geometry.planes``)."""
 
     table: NDArray[np.float32]
     first: NDArray[np.int64]
 
 
-def single_planes(table: NDArray[np.float32]) -> Read:
-    """Each plane off a map of its own."""
-    return Read(table, np.arange(len(table) + 1))
+def single_planes(table: NDArray[np.float32]) -> PlaneGroups:
+    """Each plane by itself."""
+    return PlaneGroups(table, np.arange(len(table) + 1))
 
 
-def in_twos(cam: CameraConstants, found: Maps, table: NDArray[np.float32], first: int) -> Read:
-    """Neighbouring planes off one map, half-way between them, where its points are more than a voxel apart and light at
-    the aperture's rim moves less than MOVED from one to that middle: planes of even number with the next (``first``
-    0), or with the one before (1)."""
+def plane_pairs(cam: CameraConstants, found: PlaneMaps, table: NDArray[np.float32], first: int) -> PlaneGroups:
+    """Pairs of neighbouring planes as one group half-way between them, where a map's points are more than a voxel apart
+    and light at the aperture's rim moves by less than PAIR_SHIFT from a plane to that middle: planes of even number
+    with the next (``first`` 0), or with the one before (1). All others by themselves."""
     steps = column_of(table, "step_x", "step_y")
     moved = np.abs(np.diff(steps, axis=0)) / 2 * cam.radius
     width = 2 * (found.border - 2) * (2.0 ** found.shape[:, 5] / found.shape[:, 4])[:, None]
     joined = (found.shape[1:] == found.shape[:-1]).all(1) & (found.border[1:] == found.border[:-1]).all(1)
-    joined &= (found.shape[1:, 5] > 0) & (moved < MOVED * width[1:]).all(1)
+    joined &= (found.shape[1:, 5] > 0) & (moved < PAIR_SHIFT * width[1:]).all(1)
     joined &= np.arange(1, len(table)) % 2 != first
     begin = np.flatnonzero(np.append(True, ~joined))
     count = np.diff(np.append(begin, len(table)))
     middle = np.add.reduceat(table.astype(np.float64), begin, 0) / count[:, None]
-    return Read(middle.astype(np.float32), np.append(begin, len(table)))
+    return PlaneGroups(middle.astype(np.float32), np.append(begin, len(table)))
 
 
-def widest(found: Maps) -> tuple[float, float]:
-    """Half the width and height of the largest footprint, voxels, at most."""
+def widest_footprint(found: PlaneMaps) -> tuple[float, float]:
+    """Upper bound of half the width and height of the largest footprint, voxels."""
     right, down = (found.border * (2.0 ** found.shape[:, 5] / found.shape[:, 4])[:, None]).max(0)
     return float(right), float(down)
 
 
 @kernel
-def footprint_box(cam: CameraConstants, table: NDArray[np.float32], reach: NDArray[np.float32]) -> None:
-    """Half widths in voxels of the box around a footprint, and the width of the ramp at its edge, (nz, 3)."""
+def footprint_sizes(cam: CameraConstants, table: NDArray[np.float32], reach: NDArray[np.float32]) -> None:
+    """Half widths in voxels of the rectangle around a footprint, and the width of the ramp at its edge, into ``reach``
+    (nz, 3)."""
     for k in range(table.shape[0]):
         plane = plane_of(table, k)
         reach[k, 0], reach[k, 1] = box_of(cam, plane, np.int64(EXACT))
@@ -165,7 +173,7 @@ def footprint_box(cam: CameraConstants, table: NDArray[np.float32], reach: NDArr
 
 
 @kernel
-def tabulate(
+def tabulate_weights(
     begin: int,
     end: int,
     cam: CameraConstants,
@@ -173,10 +181,10 @@ def tabulate(
     shape: NDArray[np.int64],
     start: NDArray[np.int64],
     border: NDArray[np.int64],
-    shares: NDArray[np.float32],
+    weights: NDArray[np.float32],
 ) -> None:
-    """Fill ``shares``: of planes ``begin`` to ``end`` those of a voxel for the points around it, the voxel on a point
-    or, where voxels share one, beyond it by their fractions of the step."""
+    """Fill ``weights`` of planes ``begin`` to ``end``: those of a voxel in the points around it, for a voxel on a point
+    and, where several voxels come to a point, for each place between points."""
     for k in range(begin, end):
         plane, at = plane_of(table, k), start[k, 0]
         rows, columns, points, voxels = shape[k, 2], shape[k, 3], shape[k, 4], 1 << shape[k, 5]
@@ -189,5 +197,5 @@ def tabulate(
                 for i in range(columns):
                     ox = plane.cell_x * step * (F(right - i) + beyond_x)
                     x, y = cam.cos * ox + cam.sin * oy, cam.cos * oy - cam.sin * ox
-                    shares[at] = scale * area_of(cam, x, y, plane.half, plane.half)
+                    weights[at] = scale * area_of(cam, x, y, plane.half, plane.half)
                     at += 1

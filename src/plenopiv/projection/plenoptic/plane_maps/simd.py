@@ -1,11 +1,11 @@
-"""The two inner loops that a compiler's vectoriser does not get right: products of two small rectangles.
+"""The two inner loops that a compiler's vectoriser does not get right: sums and additions over two small rectangles.
 
 A loop over rows of 8 to 24 columns ends each row with a sum across the vector, or with a check how many columns are
-left, which takes longer than the products. Here a row is as many whole vectors as it has columns, told apart once for
-all rows, and sums stay vectors to the end. Written in LLVM's terms; the same as
+left, which takes longer than the products. Here a row is as many whole vectors as it has columns, a number looked up
+once for all rows, and sums stay vectors to the end. Written as LLVM instructions; the same as
 
-    sum(shares[at + r * columns + x] * values[begin + r * nx + x] for r in range(rows) for x in range(columns))
-    values[begin + r * nx + x] += factor * shares[at + r * columns + x]
+    sum(weights[at + r * columns + x] * values[begin + r * nx + x] for r in range(rows) for x in range(columns))
+    values[begin + r * nx + x] += factor * weights[at + r * columns + x]
 
 in a fixed order.
 """
@@ -23,7 +23,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 LANES = 8
-WIDEST = 6  # vectors in a row that are told apart
+WIDEST = 6  # vectors of a row up to which each number has code of its own
 INDEX, LANE = ir.IntType(64), ir.IntType(32)
 VECTOR = ir.VectorType(ir.FloatType(), LANES)
 ZERO = ir.Constant(VECTOR, [0.0] * LANES)
@@ -32,12 +32,12 @@ Intrinsic = tuple[Any, Callable[..., ir.Value]]  # signature, and what writes it
 
 
 def vector_at(builder: ir.IRBuilder, start: ir.Value, offset: ir.Value) -> ir.Value:
-    """Where LANES numbers from ``offset`` on begin."""
+    """Pointer to LANES numbers from ``offset`` on."""
     return builder.bitcast(builder.gep(start, [offset]), VECTOR.as_pointer())
 
 
 def load_vector(builder: ir.IRBuilder, start: ir.Value, offset: ir.Value) -> ir.Value:
-    """Those numbers."""
+    """LANES numbers from ``offset`` on."""
     vector = builder.load(vector_at(builder, start, offset))
     vector.align = 4
     return vector
@@ -52,7 +52,7 @@ def in_all_lanes(builder: ir.IRBuilder, number: ir.Value) -> ir.Value:
 
 
 def data_of(context: Any, builder: ir.IRBuilder, kind: types.Array, array: ir.Value) -> ir.Value:
-    """Where the numbers of an array begin."""
+    """Pointer to the numbers of an array."""
     return context.make_array(kind)(context, builder, array).data
 
 
@@ -60,30 +60,30 @@ def _for_each_row(
     builder: ir.IRBuilder,
     columns: ir.Value,
     rows: ir.Value,
-    shares: ir.Value,
+    weights: ir.Value,
     values: ir.Value,
     nx: ir.Value,
     work: Callable[[int, ir.Value, ir.Value], None],
 ) -> None:
-    """``work(vectors, share, value)`` for each row, with pointers to its first share and value and the number of
+    """``work(vectors, weight, value)`` for each row, with pointers to its first weight and value and the number of
     vectors in a row; where these are more than WIDEST, for one vector after the other."""
     for vectors in range(1, WIDEST + 1):
         known = builder.icmp_signed("==", columns, ir.Constant(INDEX, vectors * LANES))
         with builder.if_then(known), cgutils.for_range(builder, rows) as row:
-            share = builder.gep(shares, [builder.mul(row.index, ir.Constant(INDEX, vectors * LANES))])
-            work(vectors, share, builder.gep(values, [builder.mul(row.index, nx)]))
+            weight = builder.gep(weights, [builder.mul(row.index, ir.Constant(INDEX, vectors * LANES))])
+            work(vectors, weight, builder.gep(values, [builder.mul(row.index, nx)]))
     wide = builder.icmp_signed(">", columns, ir.Constant(INDEX, WIDEST * LANES))
     with builder.if_then(wide), cgutils.for_range(builder, rows) as row:
         first, value = builder.mul(row.index, columns), builder.mul(row.index, nx)
         with cgutils.for_range(builder, builder.sdiv(columns, ir.Constant(INDEX, LANES))) as block:
             x = builder.mul(block.index, ir.Constant(INDEX, LANES))
-            work(1, builder.gep(shares, [builder.add(first, x)]), builder.gep(values, [builder.add(value, x)]))
+            work(1, builder.gep(weights, [builder.add(first, x)]), builder.gep(values, [builder.add(value, x)]))
 
 
 @intrinsic
 def row_products(
     typing: Any,
-    shares: types.Array,
+    weights: types.Array,
     at: types.Integer,
     columns: types.Integer,
     values: types.Array,
@@ -91,9 +91,9 @@ def row_products(
     nx: types.Integer,
     rows: types.Integer,
 ) -> Intrinsic:
-    """Sum of ``rows`` x ``columns`` products of float32 ``shares`` (a pattern at ``at``) and ``values`` (rows of ``nx``
-    from ``begin``). ``columns`` is a multiple of LANES; nothing is checked."""
-    signature = types.float32(shares, types.int64, types.int64, values, types.int64, types.int64, types.int64)
+    """Sum of the products of ``rows`` x ``columns`` float32 ``weights`` (a rectangle at ``at``) and ``values`` (rows of
+    ``nx`` from ``begin``). ``columns`` is a multiple of LANES; nothing is checked."""
+    signature = types.float32(weights, types.int64, types.int64, values, types.int64, types.int64, types.int64)
 
     def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Sequence[ir.Value]) -> ir.Value:
         one, at, columns, two, begin, nx, rows = arguments
@@ -103,11 +103,11 @@ def row_products(
         for total in sums:  # the stack's slot is filled once, on entry
             builder.store(ZERO, total)
 
-        def multiply(vectors: int, share: ir.Value, value: ir.Value) -> None:
+        def multiply(vectors: int, weight: ir.Value, value: ir.Value) -> None:
             for n in range(vectors):
                 offset = ir.Constant(INDEX, n * LANES)
                 product = builder.fmul(
-                    load_vector(builder, share, offset), load_vector(builder, value, offset), flags=("contract",)
+                    load_vector(builder, weight, offset), load_vector(builder, value, offset), flags=("contract",)
                 )
                 builder.store(builder.fadd(builder.load(sums[n]), product, flags=("contract",)), sums[n])
 
@@ -126,7 +126,7 @@ def row_products(
 @intrinsic
 def add_products(
     typing: Any,
-    shares: types.Array,
+    weights: types.Array,
     at: types.Integer,
     columns: types.Integer,
     factor: types.Float,
@@ -135,9 +135,9 @@ def add_products(
     nx: types.Integer,
     rows: types.Integer,
 ) -> Intrinsic:
-    """Add ``factor`` times ``rows`` x ``columns`` of ``shares`` to ``values``, laid out as for ``row_products``."""
+    """Add ``factor`` times ``rows`` x ``columns`` of ``weights`` to ``values``, laid out as for ``row_products``."""
     integers = types.int64, types.int64
-    signature = types.void(shares, *integers, types.float32, values, *integers, types.int64)
+    signature = types.void(weights, *integers, types.float32, values, *integers, types.int64)
 
     def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Sequence[ir.Value]) -> ir.Value:
         one, at, columns, factor, two, begin, nx, rows = arguments
@@ -145,10 +145,10 @@ def add_products(
         two = builder.gep(data_of(context, builder, signature.args[4], two), [begin])
         factors = in_all_lanes(builder, factor)
 
-        def add(vectors: int, share: ir.Value, value: ir.Value) -> None:
+        def add(vectors: int, weight: ir.Value, value: ir.Value) -> None:
             for n in range(vectors):
                 offset = ir.Constant(INDEX, n * LANES)
-                product = builder.fmul(load_vector(builder, share, offset), factors, flags=("contract",))
+                product = builder.fmul(load_vector(builder, weight, offset), factors, flags=("contract",))
                 total = builder.fadd(load_vector(builder, value, offset), product, flags=("contract",))
                 builder.store(total, vector_at(builder, value, offset)).align = 4
 

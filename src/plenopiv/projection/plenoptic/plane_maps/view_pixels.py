@@ -1,7 +1,7 @@
-"""The pixels of one or several views as the kernels of ``strips`` take them.
+"""The pixels of one or several views, as the kernels of plane maps take them.
 
-A pixel that the aperture's rim cuts counts as a whole one whose light is its lit share, about the middle of its lit
-part.
+A pixel that the aperture's rim cuts is taken as a whole one at the middle of its lit part, whose light is multiplied by
+the lit share.
 """
 
 from __future__ import annotations
@@ -20,10 +20,14 @@ F = np.float32
 GAUSS = F(0.28867513)  # of a pixel: the two points at which its lit length is taken
 
 
-class Views(NamedTuple):
-    """The pixels of views (8, count), one view after the other, each sorted by the rows of voxels that they meet, as
-    ``look`` leaves them. ``start`` (views + 1,): where those of each begin; ``first``: A of the first plane; ``middle``
-    (views,): q along y of each view's nominal portion; ``rim`` (views,): whether the aperture's rim cuts its pixels."""
+class ViewPixels(NamedTuple):
+    """The pixels of some views, one view after the other, each view's sorted by the rows of voxels that they see.
+
+    ``pixels`` (8, count): s and t of the microlens, q along x and y and lit share in the first plane, and the change of
+    these three per unit of A (``fill_view_pixels``). ``start`` (views + 1,): where the pixels of each view begin.
+    ``first``: A of the first plane. ``middle`` (views,): q along y of each view's nominal portion. ``rim`` (views,):
+    whether the aperture's rim cuts pixels of the view.
+    """
 
     pixels: NDArray[np.float32]
     start: NDArray[np.int64]
@@ -34,7 +38,8 @@ class Views(NamedTuple):
 
 @inlined
 def lit_length(radius: np.float32, base: np.float32, v: np.float32) -> np.float32:
-    """How much of a pixel's line at ``v`` lies inside the rim, which is ``base`` px further out than its middle."""
+    """Length of a pixel's line at ``v`` that lies inside the rim, px. ``base``: distance of the pixel's middle from the
+    middle of the aperture."""
     edge = sqrt(max(radius * radius - v * v, F(0.01))) - base
     return max(min(edge, F(0.5)), F(-0.5)) + F(0.5)
 
@@ -43,7 +48,8 @@ def lit_length(radius: np.float32, base: np.float32, v: np.float32) -> np.float3
 def lit_part(
     radius: np.float32, spread: np.float32, qx: np.float32, qy: np.float32
 ) -> tuple[np.float32, np.float32, np.float32]:
-    """Lit share of a pixel at q that the rim may cut, and q of its lit part's middle, in a plane of a ``spread`` A."""
+    """Lit share of a pixel at q that the rim may cut, and q of the middle of its lit part, in a plane where A is
+    ``spread``."""
     along_x = abs(qx) > abs(qy)
     u, v = abs(qx) if along_x else abs(qy), qy if along_x else qx
     outward = F(1) if (qx if along_x else qy) > F(0) else F(-1)
@@ -55,7 +61,7 @@ def lit_part(
 
 
 @kernel
-def meeting(
+def lenses_seeing_grid(
     cam: CameraConstants,
     plane_ends: NDArray[np.float32],
     seen: NDArray[np.bool_],
@@ -67,9 +73,9 @@ def meeting(
     size: NDArray[np.float32],
     found: NDArray[np.int32],
 ) -> int:
-    """The lenses whose pixel at (m, n) is an equation and may meet a voxel, into ``found``, in the order ``by_row``;
-    returns their number. ``plane_ends``: the first and the last plane, between which light runs straight; ``size``:
-    columns and rows of voxels, and half the width and height of the widest footprint."""
+    """The lenses whose pixel at (m, n) is an equation and may see a voxel of the grid, into ``found`` in the order
+    ``by_row``; returns their number. ``plane_ends``: the first and the last plane, between which rays are straight.
+    ``size``: columns and rows of voxels, and half the width and height of the widest footprint."""
     first, last = plane_of(plane_ends, 0), plane_of(plane_ends, 1)
     nx, ny, wide, high = size
     count = 0
@@ -91,7 +97,7 @@ def meeting(
 
 
 @kernel
-def look(
+def fill_view_pixels(
     cam: CameraConstants,
     lenses: NDArray[np.int32],
     m: np.float32,
@@ -105,8 +111,8 @@ def look(
     end: int,
     pixels: NDArray[np.float32],
 ) -> None:
-    """The pixels of a view that are equations, ``lenses``, as ``pixels`` (8, begin : end): s, t; q along x and y
-    and lit share in the plane of A = ``first``; their change per unit of A, which is all but linear up to ``last``."""
+    """Fill ``pixels`` (8, begin : end) with the pixels of view (m, n) under ``lenses``: s, t; q along x and y and lit
+    share where A is ``first``; the change of these three per unit of A, taken as linear up to A = ``last``."""
     per_unit = F(1) / (last - first) if last != first else F(0)
     for c in range(begin, end):
         lens = lenses[c - begin]

@@ -9,14 +9,20 @@ from numpy.typing import NDArray
 
 from plenopiv.projection.plenoptic.geometry import CameraOnGrid, column_of
 from plenopiv.projection.plenoptic.plane_maps import kernels
-from plenopiv.projection.plenoptic.plane_maps.maps import in_twos, maps, single_planes, widest
-from plenopiv.projection.plenoptic.plane_maps.view_pixels import Views, look, meeting
+from plenopiv.projection.plenoptic.plane_maps.maps import (
+    PlaneGroups,
+    plane_maps,
+    plane_pairs,
+    single_planes,
+    widest_footprint,
+)
+from plenopiv.projection.plenoptic.plane_maps.view_pixels import ViewPixels, fill_view_pixels, lenses_seeing_grid
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume
 
-KEPT = 1 << 22  # numbers of lenses that views meet, in all: few beside the rest of a run's memory
-LITTLE = 200_000  # pixels times planes, a quarter of a millisecond
-PRODUCTS = 20  # of a listed voxel and its map, that take the time of a pixel of a plane
+CACHED = 1 << 22  # numbers of lenses kept for all views together: little beside the rest of a run's memory
+LITTLE = 200_000  # pixels times planes: a quarter of a millisecond, less than threads are worth
+PRODUCTS = 20  # of a listed voxel with weights around it take the time of one pixel in one plane
 
 
 class MappedViews:
@@ -28,22 +34,22 @@ class MappedViews:
     def __init__(self, camera: CameraOnGrid, across: float):
         self.layout, self.grid, self.rim = camera.layout, camera.grid, camera.rim
         self.cam, self.planes, self.lens_mm = camera.cam, camera.planes, camera.lens_mm
-        self.maps = maps(self.cam, self.planes, self.grid.shape, across)
-        self.workspace = kernels.workspace_of(self.maps.shape, kernels.STRIP)
-        self.alone = single_planes(self.planes)
-        self.in_twos = [in_twos(self.cam, self.maps, self.planes, first) for first in (0, 1)]
+        self.maps = plane_maps(self.cam, self.planes, self.grid.shape, across)
+        self.workspace = kernels.workspace_size(self.maps.shape, kernels.STRIP)
+        self.singles = single_planes(self.planes)
+        self.pairs = [plane_pairs(self.cam, self.maps, self.planes, first) for first in (0, 1)]
         downwards = camera.column("voxel_t")[0]
         self._by_row = np.argsort(np.sign(downwards) * self.lens_mm[:, 1], kind="stable")
         (_, ny, nx), self._ends = self.grid.shape, self.planes[[0, -1]]
-        self._size = np.array([nx, ny, *widest(self.maps)], np.float32)
+        self._size = np.array([nx, ny, *widest_footprint(self.maps)], np.float32)
         self._voxel = float(self.maps.shape[:, 2:4].prod(1).mean()) / PRODUCTS
-        self._met: dict[int, NDArray[np.int32]] = {}
-        self._kept = 0
-        self._last: tuple[tuple[int, ...], NDArray[np.int64], Views] | None = None
+        self._lenses: dict[int, NDArray[np.int32]] = {}
+        self._cached = 0
+        self._last: tuple[tuple[int, ...], NDArray[np.int64], ViewPixels] | None = None
 
     def forward(self, views: NDArray[np.int64], volume: SparseVolume) -> NDArray[np.float32]:
         """The volume's light in each of ``views``, (views, lens); 0 where the pixel is no equation."""
-        lenses, pixels = self.look(views)
+        lenses, pixels = self.view_pixels(views)
         partial = np.empty((kernels.RUNS, lenses.size), np.float32)
         arguments = *self._kernel_arguments(views, volume, pixels), volume.values, partial
         in_threads(kernels.forward, kernels.RUNS, *arguments, little=self._little(volume, pixels))
@@ -63,37 +69,40 @@ class MappedViews:
         """Multiply the voxels by ``factor_of`` what ``gather`` gives of ``corrections``."""
         self._gather(views, corrections, volume, len(views), volume.values)
 
-    def look(self, views: NDArray[np.int64]) -> tuple[NDArray[np.int64], Views]:
-        """The lenses whose pixels in views are equations and may meet a voxel, view by view, and those pixels."""
-        last_seen = self._last  # of this caller, should there be several
-        if last_seen is None or last_seen[0] != tuple(views):
+    def view_pixels(self, views: NDArray[np.int64]) -> tuple[NDArray[np.int64], ViewPixels]:
+        """The pixels of ``views`` that are equations and may see a voxel, and the lens of each. Those of the last views
+        asked for are kept, as a forward projection and its correction ask for the same."""
+        kept = self._last  # another thread may replace it meanwhile
+        if kept is None or kept[0] != tuple(views):
             first, last = column_of(self.planes, "spread")[[0, -1]]
-            lenses = [self._meeting(view) for view in views]
+            lenses = [self._lenses_seeing_grid(view) for view in views]
             start = np.cumsum([0, *(found.size for found in lenses)])
             pixels = np.empty((8, start[-1]), np.float32)
             for k, (view, found) in enumerate(zip(views, lenses, strict=True)):
                 (m, n), rim, part = self.layout.offsets[view].astype(np.float32), bool(self.rim[view]), start[k : k + 2]
-                look(self.cam, found, m, n, rim, self.lens_mm, self.layout.phase, first, last, *part, pixels)
+                fill_view_pixels(
+                    self.cam, found, m, n, rim, self.lens_mm, self.layout.phase, first, last, *part, pixels
+                )
             middle = -self.layout.offsets[views, 1].astype(np.float32)
-            last_seen = tuple(views), np.concatenate(lenses), Views(pixels, start, first, middle, self.rim[views])
-            self._last = last_seen
-        return last_seen[1:]
+            kept = tuple(views), np.concatenate(lenses), ViewPixels(pixels, start, first, middle, self.rim[views])
+            self._last = kept
+        return kept[1:]
 
-    def _meeting(self, view: int) -> NDArray[np.int32]:
-        """The lenses whose pixel in a view is an equation and may meet a voxel, sorted by row."""
-        if view in self._met:
-            return self._met[view]
+    def _lenses_seeing_grid(self, view: int) -> NDArray[np.int32]:
+        """The lenses whose pixel in a view is an equation and may see a voxel, sorted by row."""
+        if view in self._lenses:
+            return self._lenses[view]
         (m, n), found = self.layout.offsets[view].astype(np.float32), np.empty(self._by_row.size, np.int32)
         where = self.layout.seen[view], self._by_row, self.lens_mm, self.layout.phase
-        found = found[: meeting(self.cam, self._ends, *where, m, n, self._size, found)].copy()
-        if self._kept < KEPT:
-            self._met[view], self._kept = found, self._kept + found.size
+        found = found[: lenses_seeing_grid(self.cam, self._ends, *where, m, n, self._size, found)].copy()
+        if self._cached < CACHED:
+            self._lenses[view], self._cached = found, self._cached + found.size
         return found
 
-    def _kernel_arguments(self, views: NDArray[np.int64], volume: SparseVolume, pixels: Views) -> tuple[Any, ...]:
+    def _kernel_arguments(self, views: NDArray[np.int64], volume: SparseVolume, pixels: ViewPixels) -> tuple[Any, ...]:
         about = self.maps, self.workspace, pixels, self.grid.shape[1]
-        read = self.in_twos[views[0] % 2] if len(views) > 1 else self.alone  # either two, at random
-        return self.cam, *read, *about, volume.row_start, volume.column
+        groups: PlaneGroups = self.pairs[views[0] % 2] if len(views) > 1 else self.singles  # either pairs, at random
+        return self.cam, *groups, *about, volume.row_start, volume.column
 
     def _gather(
         self,
@@ -103,16 +112,17 @@ class MappedViews:
         multiply: int,
         out: NDArray[np.float32],
     ) -> None:
-        lenses, pixels = self.look(views)
+        lenses, pixels = self.view_pixels(views)
         corrections = images[_of_view(pixels), lenses].astype(np.float32)
         arguments = *self._kernel_arguments(views, volume, pixels), corrections, multiply, out
         in_threads(kernels.gather, kernels.RUNS, *arguments, little=self._little(volume, pixels))
 
-    def _little(self, volume: SparseVolume, pixels: Views) -> bool:
-        """Whether a kernel's work, pixels read in each plane and voxels spread, takes less than handing it over."""
+    def _little(self, volume: SparseVolume, pixels: ViewPixels) -> bool:
+        """Whether a kernel's work, pixels read in each plane and voxels spread, takes less time than handing it to
+        other threads."""
         return pixels.pixels.shape[1] * self.maps.rank.size + self._voxel * volume.values.size < LITTLE
 
 
-def _of_view(pixels: Views) -> NDArray[np.int64]:
+def _of_view(pixels: ViewPixels) -> NDArray[np.int64]:
     """The number of the view of each pixel."""
     return np.repeat(np.arange(pixels.middle.size), np.diff(pixels.start))
