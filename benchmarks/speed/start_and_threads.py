@@ -18,8 +18,7 @@ from pathlib import Path
 
 DEMO = """
 import sys, time
-import plenopiv.cli  # says how Numba is to optimise
-from numba.core import event
+from plenopiv.kernels.numba_internals import event
 class Compilation(event.Listener):
     depth, begin, seconds = 0, 0.0, 0.0
     def on_start(self, started):

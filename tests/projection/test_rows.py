@@ -42,7 +42,7 @@ def row(maps, k, j, listed, rng):
     first row of the map that it reaches, and spare lines."""
     row_start = np.zeros(j + 2, np.int64)
     row_start[-1] = listed
-    column = np.sort(rng.choice(NX, listed, replace=False)).astype(np.int32)
+    column = np.sort(rng.choice(NX, listed, replace=False)).astype(np.uint16)
     _, width, rows, *_ = maps.shape[k]
     spare = np.empty((1 + (1 << maps.shape[:, 5].max()), maps.shape[:, 1].max()), np.float32)
     where = j, j + 1, first_map_row(maps.shape[k], j), row_start, column

@@ -7,11 +7,7 @@ progress.py   bars on a terminal, plain lines elsewhere
 one module for the body of each command
 """
 
-import os
-
 from plenopiv.cli.app import app
 from plenopiv.cli.messages import main
-
-os.environ.setdefault("NUMBA_OPT", "2")  # read when Numba loads: a tenth less to compile, and kernels as fast
 
 __all__ = ["app", "main"]

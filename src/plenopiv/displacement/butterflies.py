@@ -15,7 +15,8 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
+
+from plenopiv.kernels import intrinsic
 
 LANES = 16
 INDEX, LANE, FLOAT = ir.IntType(64), ir.IntType(32), ir.FloatType()

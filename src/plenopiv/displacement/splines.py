@@ -9,10 +9,10 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
 from plenopiv.displacement.butterflies import FUSED, INDEX, LANES, VECTOR, Intrinsic, load, pointer, store
+from plenopiv.kernels import intrinsic
+from plenopiv.kernels.numba_internals import cgutils
 
 
 def _constant(value: float) -> ir.Constant:

@@ -15,19 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import inlined, part
-from plenopiv.projection.plenoptic import cell_areas
-from plenopiv.projection.plenoptic.cell_areas import TIP
+from plenopiv.projection.plenoptic.cell_areas import (
+    TIP,
+    point_in_hexagon,
+    point_in_square,
+    rectangle_in_hexagon,
+    rectangle_in_square,
+)
 from plenopiv.projection.plenoptic.geometry import CameraConstants, Plane
 
 ONE_RAY, NINE_RAYS, EXACT = 0, 1, 2
 RECTANGLES = 6  # written out one by one in rim_weight, so that common terms are computed once
 F = np.float32
-
-cell_areas.corner = inlined(cell_areas.corner)
-rectangle_in_hexagon = inlined(cell_areas.rectangle_in_hexagon)
-rectangle_in_square = inlined(cell_areas.rectangle_in_square)
-point_in_hexagon = inlined(cell_areas.point_in_hexagon)
-point_in_square = inlined(cell_areas.point_in_square)
 
 
 @part

@@ -18,8 +18,8 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
 
+from plenopiv.kernels import intrinsic
 from plenopiv.projection.plenoptic.plane_maps.simd import (
     INDEX,
     LANE,

@@ -19,8 +19,9 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
+
+from plenopiv.kernels import intrinsic
+from plenopiv.kernels.numba_internals import cgutils
 
 LANES = 8
 WIDEST = 6  # vectors of a row up to which each number has code of its own
