@@ -4,5 +4,5 @@
 - ``plenoptic``: the views of a plenoptic camera
 - ``several_cameras``: the views of several plenoptic cameras around a volume
 - ``pinhole``: pinhole cameras around a volume (Tomo-PIV)
-- ``correction``: what MART multiplies a voxel by
+- ``correction``: the factor by which MART multiplies a voxel
 """

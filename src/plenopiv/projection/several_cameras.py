@@ -6,7 +6,7 @@ list of voxels is sorted into each camera's order once; after that only its valu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -144,7 +144,9 @@ class SeveralCameras:
             out[first : first + values.shape[0], : values.shape[1]] = values
         return out
 
-    def _by_camera(self, views: NDArray[np.int64], volume: SparseVolume):
+    def _by_camera(
+        self, views: NDArray[np.int64], volume: SparseVolume
+    ) -> Iterator[tuple[PlenopticProjector, Turned, NDArray[np.int64], NDArray[np.int64]]]:
         """Of each camera that has some of ``views``: its projector, the list in its order, which of the views are its
         own, and their numbers there."""
         if self._last is None or self._last[0] is not volume:
@@ -163,7 +165,7 @@ def places_of(volume: SparseVolume) -> tuple[NDArray[np.uint16], NDArray[np.uint
 
 
 def turned(volume: SparseVolume, pose: Pose) -> Turned:
-    """A list of the object's voxels in the order of a camera mounted so, its values as they are now."""
+    """A list of the object's voxels in the order of a camera with this ``pose``, with their present values."""
     if pose == FRONT:
         return Turned(volume, slice(None))
     grid, own, object_places = pose.grid(volume.grid), list[NDArray[np.uint16]](), places_of(volume)

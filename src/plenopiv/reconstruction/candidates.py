@@ -76,11 +76,11 @@ def find_candidates(
     limits = np.full(values.shape, np.inf, np.float32)
     lights, thresholds, particles = list[float](), list[float](), list[float]()
     each = zip(projection.each_camera(values), projection.each_camera(limits), noises, strict=True)
-    for number, ((camera, own), (_, most), noise) in enumerate(each, 1):
-        if not isinstance(camera, PlenopticProjector):
+    for number, ((projector, own), (_, most), noise) in enumerate(each, 1):
+        if not isinstance(projector, PlenopticProjector):
             raise PlenoPIVError(f'reconstruction.method: "{settings.method}" is for plenoptic cameras; use "mlos-mart"')
         label = name if len(noises) == 1 else f"{name}, camera {number}"
-        most[:], *rule = light_rule(LightField(camera.layout, own), camera, settings, noise, label)
+        most[:], *rule = light_rule(LightField(projector.layout, own), projector, settings, noise, label)
         for values_of_all, value in zip((lights, thresholds, particles), rule, strict=True):
             values_of_all.append(value)
     volume = projection.visible_voxels() if settings.method == "mart" else projection.candidates(limits, lights)

@@ -62,7 +62,7 @@ def reconstruct(
         PlenoPIVError: the frame ``name`` shows no particles, or none that all cameras see in the same place.
     """
     grid, rows = projection.grid, projection.grid.shape[1]
-    darks = [noise_below(own[camera.seen]) for camera, own in projection.each_camera(values)]
+    darks = [noise_below(own[one.seen]) for one, own in projection.each_camera(values)]
     noises = [Noise(dark, counts_per_electron) for dark in darks]
     noise = Noise(float(np.mean(darks)), counts_per_electron)
     tiles = tiles or [Tile(0, rows, 0, rows)]

@@ -12,6 +12,9 @@ by a few degrees against the pixels is taken to first order in the angle (``pixe
 
 At the aperture's rim the pixel is cut by the disc |u| <= P_m/2: in pixels of q, one of radius (1 - A) R around
 (S - B x)/portion.
+
+Names: ``camera`` is the ``PlenopticCamera`` here, and the ``CameraOnGrid`` in what is built on it; ``cam``, in kernels,
+is always the ``CameraConstants``.
 """
 
 from __future__ import annotations

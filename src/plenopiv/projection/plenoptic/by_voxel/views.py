@@ -68,7 +68,7 @@ class ViewsByVoxel:
         scatter: bool,
     ) -> None:
         m, n = self.layout.offsets[view].astype(np.float32)
-        camera = self.camera.cam, self._box, self.layout.clock, self.camera.planes, self.camera.grid.shape[1]
+        constants = self.camera.cam, self._box, self.layout.clock, self.camera.planes, self.camera.grid.shape[1]
         pixels = self.rule, bool(self.camera.rim[view]), m, n, self.layout.fill[view]
         listed = self._row_chunks(volume, chunks), volume.row_start, volume.column, volume.values
-        in_threads(project, chunks, *camera, *pixels, *listed, image, partial, out, scatter)
+        in_threads(project, chunks, *constants, *pixels, *listed, image, partial, out, scatter)

@@ -22,7 +22,7 @@ from plenopiv.volume import SparseVolume
 
 CACHED = 1 << 22  # numbers of lenses kept for all views together: little beside the rest of a run's memory
 LITTLE = 200_000  # pixels times planes: a quarter of a millisecond, less than threads are worth
-PRODUCTS = 20  # of a listed voxel with weights around it take the time of one pixel in one plane
+PRODUCTS = 20  # of a voxel with the weights around it take the time of one pixel in one plane
 
 
 class MappedViews:
