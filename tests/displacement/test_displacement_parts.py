@@ -454,6 +454,28 @@ def test_shear_and_crests_are_no_outliers_but_outliers_are():
     assert outlier[~wrong].mean() < 0.05
 
 
+@pytest.mark.parametrize("noise", [0.03, 0.1])
+def test_default_validation_finds_what_is_wrong_and_leaves_the_rest(noise):
+    """Vectors of normal noise (voxels, each component), of which a few are off by 0.4 voxel and six standard deviations
+    along one axis: nine of ten are found. Of good ones no more than one in fifty is condemned."""
+    settings = CorrelationSettings()
+    rng = np.random.default_rng(8)
+    shape = (12, 12, 12)
+    field = linear_field(shape) + noise * rng.standard_normal((3, *shape))
+    everywhere = np.ones(shape, bool)
+
+    def found(vectors):
+        return find_outliers(vectors, everywhere, settings.outlier_threshold, settings.outlier_floor_voxels)
+
+    assert found(field).mean() < 0.02
+    wrong = np.zeros(shape, bool)
+    wrong[1::3, 1::3, 1::3] = True  # none beside another
+    off = np.eye(3)[rng.integers(0, 3, wrong.sum())].T * (0.4 + 6 * noise)
+    field[:, wrong] += off * rng.choice([-1, 1], wrong.sum())
+    assert found(field)[wrong].mean() > 0.9
+    assert found(field)[~wrong].mean() < 0.02
+
+
 def test_replacement_of_a_linear_field_is_exact_even_for_a_corner():
     truth = linear_field((5, 6, 7))
     valid = np.random.default_rng(7).random((5, 6, 7)) > 0.3

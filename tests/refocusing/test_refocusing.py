@@ -70,6 +70,31 @@ def test_views_see_a_particle_out_of_focus_from_their_own_side(where):
             assert middle == pytest.approx(expected, abs=0.75 * x[1] - 0.75 * x[0])
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_micro_images_off_the_pixels_do_not_move_what_is_refocused(axis, sign):
+    """Every micro-image's centre 0.4 px beside a pixel's: the same views then look through other portions of the main
+    lens, by 0.4/14 of the aperture. A particle stays at its place, to a twentieth of a microlens; taken for the nominal
+    portions, its picture would be off by |z|/z0 0.4/14, a fifth of one."""
+    off_px = np.zeros(2)
+    off_px[axis] = sign * 0.4
+    pitch = 14.0 / 1.00308  # pixels; micro-images are (1 + f_l/S_i) as far apart: 14
+    camera = small_camera("square", pmr=pitch, microlenses=(23, 19), offset_mm=tuple(0.0055 / 1.00308 * off_px))
+    assert camera.sensor.columns % 2 == camera.sensor.rows % 2 == 1  # the axis is in the middle of a pixel
+    where = layout(camera)
+    expected = np.zeros(2)
+    expected[axis] = sign * (-0.4, 0.4)[axis]  # columns grow with -s, rows with +t
+    np.testing.assert_allclose(where.phase, np.broadcast_to(expected, where.phase.shape), atol=1e-3)
+    step = camera.lattice.pitch_mm
+    x, y = image_axes(camera, step / 4)
+    for z in 7.0 * camera.dead_zone_mm()[1] * np.array([-1.0, 1.0]):
+        place = np.array([0.3 * step, -0.2 * step])
+        picture = np.nan_to_num(refocused(particle(where, (*place, z)), z, x, y))
+        picture[picture < 0.2 * picture.max()] = 0.0
+        centre = np.array([picture.sum(0) @ x, picture.sum(1) @ y]) / picture.sum()
+        assert (centre - place) / step == pytest.approx([0.0, 0.0], abs=0.05)
+
+
 @every_layout
 @pytest.mark.parametrize("z_mm", [-2.0, 0.0, 1.5])
 def test_light_is_kept(where, z_mm):

@@ -1,6 +1,10 @@
 """A small simulated recording, its run, and the truth."""
 
+import json
 import shutil
+import subprocess
+import sys
+from typing import NamedTuple
 
 import pytest
 
@@ -45,3 +49,26 @@ def experiment(recorded, tmp_path):
     """The same in a folder of its own."""
     shutil.copytree(recorded, tmp_path / "recording")
     return Experiment.load(tmp_path / "recording" / "experiment.toml")
+
+
+class Finished(NamedTuple):
+    """A run from the command line in a process of its own: its experiment, what it printed, and its summary."""
+
+    experiment: Experiment
+    out: str
+    err: str
+    summary: dict
+
+
+@pytest.fixture(scope="session")
+def finished(recorded, tmp_path_factory):
+    """The recording run once for all tests that only read what a run leaves; not to be changed."""
+    folder = tmp_path_factory.mktemp("finished") / "recording"
+    shutil.copytree(recorded, folder)
+    experiment = Experiment.load(folder / "experiment.toml")
+    program = "import sys; from plenopiv.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", program, "run", str(experiment.path)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    assert ended.returncode == 0, ended.stderr
+    summary = json.loads((experiment.output_directory / "summary.json").read_text())
+    return Finished(experiment, ended.stdout, ended.stderr, summary)

@@ -1,16 +1,49 @@
-"""Predicted times."""
+"""Predicted times: against what runs took, what takes longer, and what is left."""
+
+import json
+import sys
+from pathlib import Path
 
 import pytest
 
 from plenopiv.displacement.settings import CorrelationSettings, Pass
-from plenopiv.run.duration import as_text, estimate
+from plenopiv.reconstruction.settings import ReconstructionSettings
+from plenopiv.run.duration import as_text, estimate, of_settings
+from plenopiv.volume import VoxelGrid
 
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+sys.path.insert(0, str(BENCHMARKS / "accuracy"))
+from conditions import CONDITIONS  # noqa: E402
+
+# by run: voxels; seconds measured and predicted of a frame, of a pair, of the whole run, on two cores
+MEASURED = json.loads((BENCHMARKS / "speed" / "scaling.json").read_text())
 PASSES = [Pass((32, 32, 16), 0.5)] * 2
 
 
 def guess(experiment, **changes):
     settings = {"iterations": 5, "passes": PASSES, "threads": 2} | changes
     return estimate(experiment.camera(), experiment.grid(), **settings)
+
+
+@pytest.mark.parametrize("name", ["full", "abc", "square-half", "deep", "base", "pmr8", "ppm2"])
+def test_what_is_predicted_is_what_runs_took(name):
+    """Runs of docs/accuracy.md of 4.8 to 764 million voxels on the machine of docs/speed.md, by windows themselves."""
+    condition = CONDITIONS[name]
+    grid = VoxelGrid.covering(*condition.volume_mm(), condition.voxel_mm())
+    voxels, frame_s, _, pair_s, _, run_s, _ = MEASURED[name]
+    assert grid.size == voxels
+    settings = CorrelationSettings(windows=condition.windows, inner_window=condition.windows[-1])
+    predicted = of_settings(condition.camera(), grid, ReconstructionSettings(), settings, threads=2)
+    assert 1 / 1.6 < predicted.frame / frame_s < 1.6
+    assert 1 / 1.8 < predicted.pair / pair_s < 1.8
+    assert 1 / 1.25 < predicted.run(2) / run_s < 1.25
+
+
+def test_a_run_says_what_it_will_take(finished):
+    """A small one: seconds of start and report, and little else."""
+    predicted = finished.summary["time_estimate_s"]
+    assert 5 < predicted < 20
+    assert f"time: about {predicted:.0f} s" in finished.err
 
 
 def test_what_takes_longer(experiment):

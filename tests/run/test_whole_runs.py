@@ -1,6 +1,5 @@
 """From raw images to velocity.nc and report: signs, units, files, refusals."""
 
-import json
 import re
 import shutil
 import sys
@@ -59,12 +58,11 @@ def test_volumes_of_all_frames_where_asked(recorded, tmp_path):
         assert np.count_nonzero(volume) == kept > 0
 
 
-def test_the_results_folder(experiment, capsys):
-    assert main(["run", str(experiment.path)]) == 0
-    said = capsys.readouterr()
-    assert "memory: about" in said.err
+def test_the_results_folder(finished, capsys):
+    experiment, out, err, summary = finished
+    assert "memory: about" in err
     folder = experiment.output_directory
-    words, velocity, report = said.out.splitlines()
+    words, velocity, report = out.splitlines()
     assert re.fullmatch(r"\d+ vectors, \d+\.\d % replaced, (no|\d+) warnings?", words)
     assert velocity == str(folder / "velocity.nc")
     assert report.startswith(str(folder / "report.html"))
@@ -76,7 +74,6 @@ def test_the_results_folder(experiment, capsys):
         "figures",
     }
     assert {"velocity.png", "velocity.pdf", "residuals.pdf"} < {path.name for path in (folder / "figures").iterdir()}
-    summary = json.loads((folder / "summary.json").read_text())
     assert summary["calibration"]["residual_px"] < 0.05
     assert summary["reconstruction"]["a.tif"]["candidate_share"] < 0.5
     assert len(summary["reconstruction"]["b.tif"]["residual_counts_by_round"]) == experiment.reconstruction.iterations
