@@ -43,7 +43,7 @@ def test_the_volume_is_what_every_view_sees_and_windows_are_longer_than_particle
         assert x <= seen[0]
         assert y <= seen[1]
         near, far = camera.dead_zone_mm()
-        assert found.window_mm[2] >= 3 * (far - near) / 2 - 1e-9
+        assert found.window_mm[2] > 2.9 * (far - near) / 2  # at 2.3 displacements came out 40 % too small
 
 
 def test_variants_change_one_thing_and_keep_f_numbers_matched():

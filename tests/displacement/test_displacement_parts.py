@@ -8,7 +8,7 @@ from plenopiv.displacement import validation
 from plenopiv.displacement.agreement import agreement
 from plenopiv.displacement.correlation import WindowCorrelator, fade
 from plenopiv.displacement.deformation import DeformedPlanes
-from plenopiv.displacement.peaks import LEAST, find_peaks, gaussian_offset, untilted
+from plenopiv.displacement.peaks import find_peaks, gaussian_offset, untilted
 from plenopiv.displacement.predictor import fit_spline, smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.validation import find_outliers, normalised_median, replace_invalid
@@ -261,7 +261,7 @@ def test_noise_does_not_make_a_saddle_of_a_peak():
     assert np.isfinite(matrix).all()
     eigenvalues = np.linalg.eigvals(np.linalg.inv(matrix))
     assert (eigenvalues.real > 0).all()
-    assert np.linalg.det(np.linalg.inv(matrix)) >= LEAST
+    assert np.linalg.det(np.linalg.inv(matrix)) > 0.01  # neither flat nor a ridge along any direction
 
 
 def test_second_peak_and_slopes():

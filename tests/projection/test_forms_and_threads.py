@@ -7,7 +7,6 @@ from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
 from plenopiv.projection.plenoptic.plane_maps.kernels import workspace_size
-from plenopiv.projection.plenoptic.plane_maps.maps import ACROSS
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.volume import SparseVolume, VoxelGrid
 
@@ -37,14 +36,16 @@ def threads():
     numba.set_num_threads(before)
 
 
-@pytest.mark.parametrize(("across", "limit", "lost"), [(40.0, 0.04, 1e-3), (ACROSS, 0.2, 0.02)])
+@pytest.mark.parametrize(
+    ("across", "limit", "lost"), [(40.0, 0.04, 1e-3), pytest.param(None, 0.2, 0.02, id="7.0-0.2-0.02")]
+)
 @pytest.mark.parametrize("name", LATTICES)
 def test_maps_are_polygons(name, across, limit, lost, threads):
     """But for what they interpolate, the less the more points they have, and pixels at the rim. Voxels of half a
     microlens, 3 % of them lit."""
     threads(1)
     where, polygons, volume = setting(name, "polygons")
-    mapped = PlenopticProjector(where, GRID, "exact", across)
+    mapped = PlenopticProjector(where, GRID, "exact", **({} if across is None else {"across": across}))
     views = range(0, polygons.views, 3)
     one = np.array([polygons.forward(v, volume) for v in views])
     other = np.array([mapped.forward(v, volume) for v in views])

@@ -5,7 +5,7 @@ import pytest
 from oracles.cameras import small_camera
 
 from plenopiv.lightfield import layout
-from plenopiv.projection.plenoptic.plane_maps.maps import MAX_RANK, RANK_TOLERANCE, outer_products
+from plenopiv.projection.plenoptic.plane_maps.maps import outer_products
 from plenopiv.projection.plenoptic.plane_maps.voxel_rows import (
     first_map_row,
     separable_is_cheaper,
@@ -57,7 +57,7 @@ def test_spread(maps, j):
         slow = strip.copy()
         spread_rows(own(maps, k, maps.rank[k]), tuple(maps.shape[k]), *where, values, strip, spare)
         spread_rows(own(maps, k, 0), tuple(maps.shape[k]), *where, values, slow, spare)
-        assert np.abs(strip - slow).max() < 5 * RANK_TOLERANCE * np.abs(slow).max()
+        assert np.abs(strip - slow).max() < 1.5e-3 * np.abs(slow).max()
 
 
 @pytest.mark.parametrize("multiply", [0, 4])
@@ -69,7 +69,7 @@ def test_sum(maps, multiply):
         for out, rank in ((fast, maps.rank[k]), (slow, 0)):
             about = own(maps, k, rank), tuple(maps.shape[k]), *where
             sum_rows(*about, strip - np.float32(0.5), spare, multiply, out)
-        np.testing.assert_allclose(fast, slow, atol=5 * RANK_TOLERANCE * np.abs(slow).max())
+        np.testing.assert_allclose(fast, slow, atol=1.5e-3 * np.abs(slow).max())
 
 
 def test_few_voxels_are_spread_one_by_one(maps):
@@ -88,7 +88,7 @@ def test_outer_products_add_up():
     down, across = rng.random((2, 2, 8)), rng.random((2, 2, 16))  # of two parts, for two voxels to a point
     shares = np.einsum("pyr,pxc->yxrc", down, across).astype(np.float32)
     parts = outer_products(shares)
-    assert len(parts) == 2 <= MAX_RANK
+    assert len(parts) == 2
     columns, rows = [p[:16].reshape(2, 8) for p in parts], [p[16:].reshape(2, 16) for p in parts]
     again = sum(np.einsum("yr,xc->yxrc", d, a) for d, a in zip(columns, rows, strict=True))
     np.testing.assert_allclose(again, shares, rtol=1e-3)

@@ -10,8 +10,7 @@ from PIL import Image
 
 from plenopiv.lightfield import LightField, layout
 from plenopiv.report import light_field_stacks, volume_stack
-from plenopiv.report.field import VECTORS, field_data, thinning
-from plenopiv.report.stacks import BYTES
+from plenopiv.report.field import field_data, thinning
 from plenopiv.volume import DenseVolume, VoxelGrid
 
 X, Y, Z = np.linspace(-3, 3, 7), np.linspace(-1, 1, 5), np.linspace(-2, 2, 4)
@@ -62,7 +61,7 @@ def test_thinning_takes_the_longest_axis_and_keeps_small_fields():
     assert thinning((20, 30, 40)) == (1, 1, 1)
     step = thinning((60, 100, 140))
     left = np.array([-(-n // s) for n, s in zip((60, 100, 140), step, strict=True)])
-    assert VECTORS / 4 < left.prod() <= VECTORS
+    assert 15_000 < left.prod() <= 60_000  # 2 MB of the page, and enough to see the flow
     assert step[2] >= step[1] >= step[0]
 
 
@@ -119,4 +118,4 @@ def test_views_go_from_left_to_right_and_from_below_to_above():
 def test_a_stack_of_noise_is_kept_small():
     grid = VoxelGrid.covering((0, 8), (0, 8), (0, 8), (0.01, 0.01, 0.25))
     stack = volume_stack(DenseVolume(grid, np.random.default_rng(0).random(grid.shape, np.float32)))
-    assert 0.2 * BYTES < sum(map(len, stack.pictures)) <= BYTES
+    assert 3e5 < sum(map(len, stack.pictures)) <= 1.5e6
