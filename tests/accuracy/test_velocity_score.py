@@ -1,12 +1,8 @@
 """The score of a velocity field: exact fields score nothing, known errors are found where they were put."""
 
-import json
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from oracles.scorer import naive_score
 from velocity_scenes import CAMERA, DT_S, HALF_MM, TO_VOXELS, VOXEL_MM, WINDOW
 from velocity_scenes import field_and_particles as scene
 
@@ -14,7 +10,6 @@ from plenopiv.accuracy import score_velocity, true_displacements
 from plenopiv.errors import PlenoPIVError
 from plenopiv.simulation.flows import flow
 
-SHARED = Path(__file__).parents[2] / ".." / "shared" / "recordings"
 UNIFORM = flow("uniform", velocity_m_s=(0.21, -0.13, 0.17))
 SHEAR = flow("shear", rate_per_s=60.0, component="y", along="z", drift_m_s=(0.02, 0.0, -0.1))
 
@@ -166,8 +161,7 @@ def test_what_cannot_be_judged_is_said():
         score(dataset.transpose("time", "x", "y", "z"), a, b)
 
 
-@pytest.mark.skipif(not (SHARED / "score.py").exists(), reason="the independent scorer is not beside the repository")
-def test_agrees_with_the_independent_scorer(tmp_path):
+def test_agrees_with_the_independent_scorer():
     """A vortex ring with noise, a gross error and a replaced vector, judged by both."""
     ring = flow("vortex-ring", radius_mm=1.0, core_radius_mm=0.5, circulation_mm2_s=400.0, drift_m_s=(0.0, 0.1, 0.05))
     dataset, a, b = scene(ring, error_voxels=(0.05, 0.0, -0.1))
@@ -179,32 +173,16 @@ def test_agrees_with_the_independent_scorer(tmp_path):
     middle = tuple(n // 2 for n in dataset["u"].shape[1:])
     dataset["u"].values[0][middle] += 5 / TO_VOXELS[0]
     dataset["valid"].values[0][middle] = 0
-    lens, sensor = CAMERA.main_lens, CAMERA.sensor
-    optics = {
-        "main_lens": {
-            "focal_length_mm": lens.focal_length_mm,
-            "aperture_mm": lens.aperture_mm,
-            "object_distance_mm": lens.object_distance_mm,
-            "image_distance_mm": lens.image_distance_mm,
-        },
-        "sensor": {"columns": sensor.columns, "rows": sensor.rows, "pixel_pitch_mm": sensor.pixel_pitch_mm},
-        "recording": {"dt_s": DT_S},
-    }
-    (tmp_path / "optics.json").write_text(json.dumps(optics))
-    np.savez(tmp_path / "truth_particles.npz", a=a, b=b)
-    dataset.to_netcdf(tmp_path / "velocity.nc", engine="h5netcdf")
-    command = [sys.executable, SHARED / "score.py", tmp_path, tmp_path / "velocity.nc"]
-    command += ["--voxel", *map(str, VOXEL_MM), "--window", *map(str, WINDOW)]
-    theirs = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    theirs = naive_score(dataset, a, b, CAMERA, dt_s=DT_S, voxel_mm=VOXEL_MM, window_voxels=WINDOW)
     ours = score(dataset, a, b)
-    assert (ours.vectors, ours.vectors_at_half_overlap) == (theirs["vectors"], theirs["vectors_at_50_percent_overlap"])
-    assert ours.particles_per_window == pytest.approx(theirs["particles_per_window"], abs=0.06)
-    for errors, name in ((ours.final, "final"), (ours.raw, "raw")):
-        assert errors.gross == pytest.approx(theirs[name]["gross"], abs=1e-4)
-        np.testing.assert_allclose(errors.rms, theirs[name]["rms_xyz"], atol=1e-4)
-        np.testing.assert_allclose(errors.bias, theirs[name]["bias_xyz"], atol=1e-4)
-        bands = list(theirs[name]["rms_xyz_by_depth"].values())
-        np.testing.assert_allclose([band.rms for band in errors.by_depth], bands, atol=1e-3)
-    np.testing.assert_allclose(ours.final_at_point.rms, theirs["final_against_point"]["rms_xyz"], atol=1e-4)
-    assert ours.replaced == pytest.approx(theirs["replaced"], abs=1e-4)
-    np.testing.assert_allclose([ours.inside_1_std, ours.inside_2_std], theirs["inside_1_and_2_std_xyz"], atol=1e-3)
+    assert ours.vectors == theirs["vectors"] > 100
+    assert ours.vectors_at_half_overlap == theirs["vectors_at_half_overlap"]
+    assert ours.particles_per_window == pytest.approx(theirs["particles_per_window"])
+    for errors, name in ((ours.final, "final"), (ours.raw, "raw"), (ours.final_at_point, "final_at_point")):
+        assert errors.gross == pytest.approx(theirs[name]["gross"])
+        np.testing.assert_allclose(errors.rms, theirs[name]["rms"], rtol=1e-9)
+        np.testing.assert_allclose(errors.bias, theirs[name]["bias"], atol=1e-9)
+        np.testing.assert_allclose([band.rms for band in errors.by_depth], theirs[name]["by_depth"], rtol=1e-9)
+    assert ours.final.gross > 0
+    assert ours.replaced == pytest.approx(theirs["replaced"])
+    np.testing.assert_allclose([ours.inside_1_std, ours.inside_2_std], theirs["inside"])

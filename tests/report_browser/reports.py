@@ -14,7 +14,6 @@ from plenopiv.simulation.flows import flow
 from plenopiv.simulation.simulated_recording import simulate_recording
 
 ROOT = Path(__file__).parents[2]
-SHARED = ROOT.parent / "shared" / "recordings" / "rotation" / "experiment.toml"
 
 
 def demo(folder):
@@ -49,13 +48,30 @@ def rotation(folder):
 
 
 def recording(folder):
-    """A camera's recording of a rotation, where one lies beside the repository."""
-    if not SHARED.exists():
-        pytest.skip("the shared recordings are not beside this checkout")
-    experiment = Experiment.load(SHARED)
+    """One with inner windows as large as the last, volumes beside the field, and a result that was scored."""
+    camera = PlenopticCamera(
+        MainLens(50.0, 25.0, -1.0),
+        Lattice("hexagonal", 0.077, 0.003, (0.01, 0.02)),
+        0.308,
+        Sensor(700, 560, 0.0055, 12, 60),
+    )
+    made = simulate_recording(
+        folder / "recording",
+        camera,
+        flow("vortex-ring", radius_mm=0.9, core_radius_mm=0.4, circulation_mm2_s=300.0, drift_m_s=(0.0, 0.1, 0.05)),
+        dt_s=0.0005,
+        volume_mm=((-1.5, 1.5), (-1.1, 1.1), (-2.5, 2.5)),
+        windows=((64, 64, 24), (48, 48, 16)),
+        rays=2000,
+        seed=12,
+    )
+    experiment = Experiment.load(made.directory / "experiment.toml")
     tables = experiment.model_dump(by_alias=True, exclude_none=True)
-    tables["output"]["directory"] = str(folder / "results")
-    return plenopiv.process(Experiment.from_dict(tables, SHARED)).directory / "report.html"
+    tables["correlation"]["inner_window"] = tables["correlation"]["windows"][-1]
+    tables["output"]["volumes"] = True
+    changed = Experiment.from_dict(tables, experiment.path)
+    scored = plenopiv.process(changed, score=lambda velocity: {"largest u (m/s)": float(velocity.u.max())})
+    return scored.directory / "report.html"
 
 
 def named(folder):
