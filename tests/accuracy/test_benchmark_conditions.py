@@ -14,6 +14,8 @@ SCRIPTS = Path(__file__).parents[2] / "benchmarks" / "accuracy"
 sys.path.insert(0, str(SCRIPTS))
 from conditions import CONDITIONS, DT_S  # noqa: E402
 
+pytestmark = pytest.mark.full
+
 
 def displacements(condition, n=41):
     """Voxels per frame at points of the volume, (m, 3)."""

@@ -11,6 +11,8 @@ import pytest
 
 from plenopiv.io import read_velocity
 
+pytestmark = pytest.mark.full
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NAMES = sorted(path.name for path in EXAMPLES.glob("*.py"))
 

@@ -22,6 +22,8 @@ from isosurface import isosurface
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.particles import Particles
 
+pytestmark = pytest.mark.full
+
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):

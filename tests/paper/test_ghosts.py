@@ -14,6 +14,8 @@ import ghosts
 from plenopiv.accuracy.volumes import near_particles
 from plenopiv.volume import SparseVolume, VoxelGrid
 
+pytestmark = pytest.mark.full
+
 GRID = VoxelGrid.covering((-1.0, 1.0), (-0.9, 0.9), (-0.7, 0.7), (0.1, 0.1, 0.1))
 
 

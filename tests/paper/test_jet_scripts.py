@@ -14,6 +14,8 @@ import draw  # noqa: E402
 import snapshot  # noqa: E402
 import solve  # noqa: E402
 
+pytestmark = pytest.mark.full
+
 BOX = (2 * np.pi, 4 * np.pi, 2 * np.pi)
 SHAPE = (20, 40, 24)  # z, y, x
 REPORT = json.loads((ROOT / "paper" / "jet" / "resolution.json").read_text())

@@ -14,6 +14,8 @@ from comparison_settings import REDUCED, TINY
 
 from plenopiv.simulation.flows import flow
 
+pytestmark = pytest.mark.full
+
 SETTING = TINY.light_field
 
 

@@ -5,6 +5,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
+
+pytestmark = pytest.mark.full
 
 sys.path.append(str(Path(__file__).parents[2] / "paper"))
 

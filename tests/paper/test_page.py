@@ -9,6 +9,8 @@ sys.path.append(str(Path(__file__).parents[2] / "paper"))
 
 import page
 
+pytestmark = pytest.mark.full
+
 
 @pytest.mark.parametrize("name", page.TABLES)
 def test_a_table_says_what_was_recorded(name):

@@ -11,6 +11,8 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "paper"))
 import resolution  # noqa: E402
 
+pytestmark = pytest.mark.full
+
 PICTURES = ("fig03-block.png", "fig04-pmr8.png", "fig05-pmr14.png", "fig06-pmr28.png", "resolution.png")
 PITCH_UM = {"pmr8": 44.0, "pmr14": 77.0, "pmr28": 154.0}
 

@@ -28,7 +28,7 @@ from variants import (  # noqa: E402
     view_sequential,
 )
 
-pytestmark = pytest.mark.usefixtures("one_thread")
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("one_thread")]
 
 WHERE = layout(small_camera("hexagonal", pmr=8, microlenses=(11, 9), offset_mm=(0.011, -0.005)))
 GRID = VoxelGrid.covering((-0.12, 0.12), (-0.1, 0.1), (-1.6, 1.6), (0.022, 0.022, 0.132))
