@@ -18,6 +18,7 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from dataclasses import dataclass
+from functools import cache
 
 from spot_finder import Edit, find
 
@@ -36,7 +37,8 @@ class Spot:
     lines: tuple[int, int]
 
 
-def spots(text: str) -> list[Spot]:
+@cache
+def spots(text: str) -> tuple[Spot, ...]:
     """All spots of a Python source, in the order of the text; of several edits of one spot a hash takes one."""
     found, numbers = [], Counter[tuple[str, str]]()
     for function, kind, edits, lines in sorted(find(text), key=lambda f: (f[2][0].start, f[2][0].end)):
@@ -44,7 +46,7 @@ def spots(text: str) -> list[Spot]:
         numbers[function, kind] += 1
         which = int(digest(f"{function}:{kind}:{number}"), 16) % len(edits)
         found.append(Spot(function, kind, number, edits[which], lines))
-    return found
+    return tuple(found)
 
 
 def digest(text: str) -> str:

@@ -26,7 +26,7 @@ from queue import SimpleQueue
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from mutation_plan import COUNT, SEED, Mutant, Plan, PlanError
+from mutation_plan import COUNT, SEED, Mutant, Plan, PlanError, nearest
 from mutation_results import Results, equivalents, machine
 from mutation_runs import Options, Outcome, Processes, RunError, Tree, locked
 from mutation_table import table
@@ -168,7 +168,8 @@ def run(options: argparse.Namespace) -> None:
         state = tests_and_sources(ROOT)
         if not options.trust and results.unmutated.get("state") != state:
             print("first the tests without a mutant", flush=True)
-            outcome = trees[0].unmutated(campaign.todo, how)
+            near = {folder for mutant in campaign.todo for folder in nearest(ROOT, mutant)}
+            outcome = trees[0].unmutated(sorted(near) if how.only_nearest else [], how)
             if outcome.by:
                 raise RunError(f"a test fails without a mutant: {outcome.by}; the campaign needs all to pass")
             if not how.only_nearest:

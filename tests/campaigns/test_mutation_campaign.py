@@ -135,7 +135,7 @@ def test_each_outcome(project, tmp_path):
         sign = tree.tried(by_key["forwards:sign:0"], Options())
         assert (sign.result, sign.by) == ("caught", "tests/volume/test_volume.py::test_forwards")
         assert sign.tests == "nearest"
-        for limits in (Options(timeout_s=4.0), Options(test_s=2.0)):
+        for limits in (Options(timeout_s=2.0), Options(test_s=1.0)):
             loop = tree.tried(by_key["endless:sign:0"], limits)
             assert (loop.result, loop.by) == ("caught", "timeout")
             assert loop.seconds < 30
