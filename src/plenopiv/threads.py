@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import pairwise
-from queue import SimpleQueue
-from threading import Thread
 from typing import Any
 
 import numba
@@ -21,29 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def _work(jobs: SimpleQueue) -> None:
-    """Do jobs for ever: call, and say what was raised."""
-    while True:
-        kernel, part, arguments, done = jobs.get()
-        try:
-            kernel(*part, *arguments)
-            done.put(None)
-        except BaseException as error:
-            done.put(error)
-        del kernel, arguments, done  # arrays are not held while nothing is to do
+@cache  # its threads wait for work until the process ends
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, "plenopiv")
 
 
-@cache  # an evicted queue would leave its threads waiting for ever
-def _jobs(threads: int) -> SimpleQueue:
-    """The queue that so many threads of this process work off; handing over takes a tenth of what futures take."""
-    jobs: SimpleQueue = SimpleQueue()
-    for n in range(threads):
-        Thread(target=_work, args=(jobs,), name=f"plenopiv-{n}", daemon=True).start()
-    return jobs
-
-
-if hasattr(os, "register_at_fork"):  # a forked process has the queue without its threads
-    os.register_at_fork(after_in_child=_jobs.cache_clear)
+if hasattr(os, "register_at_fork"):  # a forked process has the pool without its threads
+    os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 def in_threads(kernel: Callable[..., Any], count: int, *arguments: Any, little: bool = False) -> None:
@@ -55,13 +38,14 @@ def in_threads(kernel: Callable[..., Any], count: int, *arguments: Any, little: 
         return
     bounds = [count * k // threads for k in range(threads + 1)]
     mine, *others = (part for part in pairwise(bounds) if part[0] < part[1])
-    jobs, done = _jobs(threads - 1), SimpleQueue[BaseException | None]()
-    for part in others:
-        jobs.put((kernel, part, arguments, done))
+    pool = _pool(threads - 1)
+    futures = []
     try:
+        for part in others:
+            futures.append(pool.submit(kernel, *part, *arguments))
         kernel(*mine, *arguments)
     finally:
-        raised = [done.get() for _ in others]  # nothing is written any more once this returns, or raises
+        raised = [future.exception() for future in futures]  # nothing is written any more once this returns, or raises
     for error in raised:
         if error is not None:
             raise error

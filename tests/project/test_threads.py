@@ -2,6 +2,8 @@
 
 import os
 import threading
+import time
+import weakref
 
 import numba
 import numpy as np
@@ -27,6 +29,42 @@ def test_what_a_range_raises_is_raised():
 
     with pytest.raises(ValueError, match="a range"):
         in_threads(fails, 4)
+
+
+@pytest.fixture
+def four_threads():
+    if numba.config.NUMBA_NUM_THREADS < 2:
+        pytest.skip("one thread only")
+    before = numba.get_num_threads()
+    numba.set_num_threads(min(4, numba.config.NUMBA_NUM_THREADS))
+    yield
+    numba.set_num_threads(before)
+
+
+@pytest.mark.parametrize("failing", ["first", "last"])
+def test_all_ranges_have_ended_once_one_has_raised(failing, four_threads):
+    ended = []
+
+    def fails(begin, end):
+        if (begin == 0) == (failing == "first"):
+            raise KeyError(begin)
+        time.sleep(0.05)
+        ended.append(begin)
+
+    with pytest.raises(KeyError):
+        in_threads(fails, 8)
+    assert len(ended) == (numba.get_num_threads() - 1 if failing == "first" else 1)
+
+
+def test_arguments_are_not_held(four_threads):
+    seen = np.zeros(8, int)
+    held = weakref.ref(seen)
+    in_threads(mark, 8, seen)
+    del seen
+    until = time.monotonic() + 5  # a thread lets go after the caller has been told
+    while held() is not None and time.monotonic() < until:
+        time.sleep(0.001)
+    assert held() is None
 
 
 def test_several_callers_at_once():
