@@ -4,8 +4,11 @@ PYTHON ?= $(shell python3.11 --version >/dev/null 2>&1 && echo python3.11 || ech
 VENV := .venv
 BIN := $(VENV)/bin
 
+# One worker a core. Each takes neighbouring tests, so that they compile different kernels, then those left to others.
+PARALLEL := -n auto --dist worksteal
+
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full test-report lint bench bench-full paper paper-full comparison figures lock clean
+.PHONY: help demo test test-full campaign test-report lint bench bench-full paper paper-full comparison figures lock clean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' Makefile
@@ -14,10 +17,13 @@ demo: $(VENV)/.ready  ## simulate a small recording, measure it, score it; the r
 	$(BIN)/plenopiv demo demo --overwrite
 
 test: lint  ## style, types, import order, and the quick tests
-	$(BIN)/python -m pytest -m "not full"
+	$(BIN)/python -m pytest $(PARALLEL) -m "not full"
 
-test-full: lint  ## all tests, those of minutes too
-	$(BIN)/python -m pytest
+test-full: $(VENV)/.ready-dev  ## the tests of minutes, which make test leaves out
+	$(BIN)/python -m pytest $(PARALLEL) -m full
+
+campaign: $(VENV)/.ready-dev  ## what takes hours: each script of campaigns/ goes on where it was stopped
+	for script in $$(grep -l __main__ campaigns/*.py); do $(BIN)/python $$script || exit 1; done
 
 test-report: $(VENV)/.ready-dev demo  ## reports in a headless Chromium without a network (apt-get install chromium)
 	$(BIN)/python -m pip install --quiet -r requirements-browser.txt
