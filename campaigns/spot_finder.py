@@ -9,7 +9,7 @@ import tokenize
 from bisect import bisect_left
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+
 
 COMPARISONS = {
     ast.Lt: ("<", ("<=", ">")),
