@@ -1,6 +1,8 @@
 """A small simulated recording, its run, and the truth."""
 
+import importlib
 import json
+import pkgutil
 import shutil
 import subprocess
 import sys
@@ -8,6 +10,8 @@ from typing import NamedTuple
 
 import pytest
 
+import plenopiv
+import plenopiv.run
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.experiment import Experiment
 from plenopiv.lattice import Lattice
@@ -49,6 +53,27 @@ def experiment(recorded, tmp_path):
     """The same in a folder of its own."""
     shutil.copytree(recorded, tmp_path / "recording")
     return Experiment.load(tmp_path / "recording" / "experiment.toml")
+
+
+@pytest.fixture
+def without_report(monkeypatch):
+    """Spares drawing a report that the test does not read: two thirds of the time of a small run."""
+    modules = [importlib.import_module(f"plenopiv.run.{m.name}") for m in pkgutil.iter_modules(plenopiv.run.__path__)]
+    drawing = [module for module in modules if hasattr(module, "write_report")]
+    assert drawing
+    for module in drawing:
+        monkeypatch.setattr(module, "write_report", lambda *given, **named: None)
+
+
+@pytest.fixture(scope="session")
+def upright(recorded, tmp_path_factory):
+    """The result of a run with all that may be asked of one: volumes of its frames, and a score; not to be changed."""
+    folder = tmp_path_factory.mktemp("all") / "recording"
+    shutil.copytree(recorded, folder)
+    text = (folder / "experiment.toml").read_text()
+    (folder / "experiment.toml").write_text(text + "volumes = true\n")  # [output] is the last table
+    experiment = plenopiv.load(folder / "experiment.toml")
+    return plenopiv.process(experiment, score=lambda velocity: {"largest w (m/s)": float(velocity.w.max())})
 
 
 class Finished(NamedTuple):

@@ -26,17 +26,16 @@ def middle_error_voxels(velocity):
 
 
 @pytest.mark.parametrize("orientation", ["upright", "sensor"])
-def test_signs_and_units_from_particle_to_velocity(recorded, tmp_path, orientation):
-    folder = tmp_path / "recording"
-    if orientation == "upright":
-        shutil.copytree(recorded, folder)
-    else:
-        record(folder, orientation="sensor")
+@pytest.mark.usefixtures("without_report")
+def test_signs_and_units_from_particle_to_velocity(recorded, upright, tmp_path, orientation):
+    result = upright
+    if orientation == "sensor":
+        folder = record(tmp_path / "recording", orientation="sensor").directory
         turned = tifffile.imread(folder / "a.tif")[::-1, ::-1]
         assert np.corrcoef(turned.ravel(), tifffile.imread(recorded / "a.tif").ravel())[0, 1] > 0.9
-    result = plenopiv.process(plenopiv.load(folder / "experiment.toml"))
+        result = plenopiv.process(plenopiv.load(folder / "experiment.toml"))
     assert np.abs(middle_error_voxels(result.velocity)) == pytest.approx([0, 0, 0], abs=0.1)
-    with xr.open_dataset(folder / "results" / "velocity.nc", engine="h5netcdf") as stored:
+    with xr.open_dataset(result.directory / "velocity.nc", engine="h5netcdf") as stored:
         assert stored.u.dims == ("time", "z", "y", "x")
         assert stored.u.units == "m s-1"
         assert stored.x.units == "mm"
@@ -45,17 +44,13 @@ def test_signs_and_units_from_particle_to_velocity(recorded, tmp_path, orientati
         assert middle_error_voxels(stored) == pytest.approx(middle_error_voxels(result.velocity))
 
 
-def test_volumes_of_all_frames_where_asked(recorded, tmp_path):
-    folder = tmp_path / "recording"
-    shutil.copytree(recorded, folder)
-    text = (folder / "experiment.toml").read_text()
-    (folder / "experiment.toml").write_text(text + "volumes = true\n")  # [output] is the last table
-    result = plenopiv.process(plenopiv.load(folder / "experiment.toml"))
+def test_volumes_of_all_frames_where_asked(upright, finished):
     for name in ("a", "b"):
-        with h5py.File(folder / "results" / f"volume-{name}.vtkhdf") as file:
+        with h5py.File(upright.directory / f"volume-{name}.vtkhdf") as file:
             volume = file["VTKHDF/PointData/intensity"][:]
-        kept = result.summary["reconstruction"][f"{name}.tif"]["voxels_kept"]
+        kept = upright.summary["reconstruction"][f"{name}.tif"]["voxels_kept"]
         assert np.count_nonzero(volume) == kept > 0
+    assert not list(finished.experiment.output_directory.glob("volume-*"))
 
 
 def test_the_results_folder(finished, capsys):
@@ -93,6 +88,7 @@ def test_the_results_folder(finished, capsys):
     assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+@pytest.mark.usefixtures("without_report")
 def test_three_frames_make_two_times(experiment):
     shutil.copy(experiment.folder / "a.tif", experiment.folder / "c.tif")
     tables = experiment.model_dump(mode="json", by_alias=True, exclude_none=True)
@@ -115,6 +111,7 @@ def test_an_exposure_without_particles_is_named_and_nothing_is_written(experimen
     assert not experiment.output_directory.exists()
 
 
+@pytest.mark.usefixtures("without_report")
 def test_saturated_frames_and_large_displacements_are_warned_about_and_kept(experiment):
     image = tifffile.imread(experiment.folder / "a.tif")
     bright = np.where(image > np.percentile(image, 99), 4095, image).astype(np.uint16)
@@ -124,6 +121,7 @@ def test_saturated_frames_and_large_displacements_are_warned_about_and_kept(expe
     assert any("saturated" in line and "%" in line for line in result.summary["warnings"])
 
 
+@pytest.mark.usefixtures("without_report")
 def test_full_mart_agrees_with_drt_mart(experiment):
     tables = experiment.model_dump(mode="json", by_alias=True, exclude_none=True)
     tables["reconstruction"] |= {"method": "mart", "iterations": 3, "relaxation": 1.0}
@@ -133,9 +131,8 @@ def test_full_mart_agrees_with_drt_mart(experiment):
     assert np.abs(middle_error_voxels(result.velocity)) == pytest.approx([0, 0, 0], abs=0.1)
 
 
-def test_a_score_reaches_the_report(experiment):
-    result = plenopiv.process(experiment, score=lambda velocity: {"largest w (m/s)": float(velocity.w.max())})
-    assert "largest w (m/s)" in (result.directory / "report.html").read_text()
+def test_a_score_reaches_the_report(upright):
+    assert "largest w (m/s)" in (upright.directory / "report.html").read_text()
 
 
 def test_an_interrupted_run_leaves_nothing(experiment):
