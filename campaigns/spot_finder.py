@@ -10,7 +10,6 @@ from bisect import bisect_left
 from dataclasses import dataclass
 from itertools import pairwise
 
-
 COMPARISONS = {
     ast.Lt: ("<", ("<=", ">")),
     ast.LtE: ("<=", ("<", ">=")),
