@@ -69,3 +69,22 @@ def test_files_fit_in_the_head():
     lengths = sorted(len(path.read_text().splitlines()) for path in (ROOT / "src").rglob("*.py"))
     assert lengths[-1] <= 350
     assert lengths[len(lengths) // 2] <= 200
+
+
+def test_the_map_names_every_module():
+    """The tree in CONTRIBUTING.md: folders end with a slash, modules are indented below them."""
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    block = re.search(r"```text\n(cameras/\n.*?)```", text, re.DOTALL)
+    assert block
+    named, folders = set(), []
+    for line in block[1].splitlines():
+        depth, name = (len(line) - len(line.lstrip())) // 2, line.split()[0]
+        folders = folders[:depth]
+        if name.endswith("/"):
+            folders.append(name)
+        else:
+            named.add("".join(folders) + name)
+            assert len(line.split()) > 2, line
+    package = ROOT / "src" / "plenopiv"
+    modules = {path.relative_to(package).with_suffix("").as_posix() for path in package.glob("*/**/*.py")}
+    assert named == {module for module in modules if not module.endswith("__init__")}
