@@ -116,12 +116,14 @@ def candidates_of(where: Layout, point_mm):
     near = np.flatnonzero(np.hypot(centres[:, 0] - b * x, centres[:, 1] - b * y) <= reach)
     for lens in near:
         # a pixel sees the point through u = (its nominal portion + B x - S)/(1 - A), which must come near the cell
-        for view in np.flatnonzero(where.seen[:, lens]):
-            m, n = where.offsets[view]
-            q = np.array([m - where.phase[lens, 0], where.phase[lens, 1] - n]) * camera.portion_mm
-            s = (a * q + b * np.array([x, y]) - centres[lens]) / (1 - a)
-            if np.hypot(*s) <= 0.71 * (camera.lattice.pitch_mm + abs(a / (1 - a)) * camera.portion_mm):
-                yield int(view), int(lens), tuple(centres[lens]), where.pixel[lens, 0] + m, where.pixel[lens, 1] + n
+        views = np.flatnonzero(where.seen[:, lens])
+        m, n = where.offsets[views].T
+        q = np.stack([m - where.phase[lens, 0], where.phase[lens, 1] - n], -1) * camera.portion_mm
+        s = (a * q + b * np.array([x, y]) - centres[lens]) / (1 - a)
+        close = np.hypot(*s.T) <= 0.71 * (camera.lattice.pitch_mm + abs(a / (1 - a)) * camera.portion_mm)
+        column, row = (where.pixel[lens] + where.offsets[views]).T
+        for k in np.flatnonzero(close):
+            yield int(views[k]), int(lens), tuple(centres[lens]), column[k], row[k]
 
 
 def exact_light(where: Layout, point_mm) -> np.ndarray:

@@ -42,7 +42,7 @@ def test_a_particle_appears_at_its_place(where, axis):
     dead = camera.dead_zone_mm()[1]
     point = np.array([0.1 * step, 0.2 * step, 5.0 * dead])
     point[axis] += (4.2 * step, 3.3 * step, 0.0)[axis]
-    x, y = image_axes(camera, step / 4)
+    x, y = image_axes(camera, step / 2)
     for sign in (1, -1):
         place = point.copy()
         place[axis] *= sign
@@ -86,7 +86,7 @@ def test_micro_images_off_the_pixels_do_not_move_what_is_refocused(axis, sign):
     expected[axis] = sign * (-0.4, 0.4)[axis]  # columns grow with -s, rows with +t
     np.testing.assert_allclose(where.phase, np.broadcast_to(expected, where.phase.shape), atol=1e-3)
     step = camera.lattice.pitch_mm
-    x, y = image_axes(camera, step / 4)
+    x, y = image_axes(camera, step / 2)
     for z in 7.0 * camera.dead_zone_mm()[1] * np.array([-1.0, 1.0]):
         place = np.array([0.3 * step, -0.2 * step])
         picture = np.nan_to_num(refocused(particle(where, (*place, z)), z, x, y))
@@ -101,7 +101,7 @@ def test_light_is_kept(where, z_mm):
     """Picture times area, in microlenses, times pixels per micro-image: the counts of all views."""
     camera = where.camera
     lf = particle(where, (0.11, -0.07, 0.8))
-    x, y = image_axes(camera, camera.lattice.pitch_mm / abs(camera.main_lens.magnification) / 5)
+    x, y = image_axes(camera, camera.lattice.pitch_mm / abs(camera.main_lens.magnification) / 3)
     cells = (x[1] - x[0]) ** 2 * float(camera.scale(z_mm)) ** 2 / camera.lattice.cell_area_mm2
     pixels = (where.fill * where.seen).sum(0)
     whole = pixels[pixels > 0.85 * pixels.max()].mean()  # of microlenses that the sensor's edge does not cut

@@ -77,12 +77,14 @@ def _pictures():
     return image, projections(volume), (volume_stack(volume), *light_field_stacks(light, (-1.0, 1.0)))
 
 
-def without_figures(patch):
-    """Draw no figure in pages from now on: every one is an empty picture. ``patch`` is pytest's monkeypatch."""
-    for room in (charts, figures):
-        for name in [name for name in vars(room) if name.endswith("_figure")]:
-            patch.setattr(room, name, lambda *given: None)
-    patch.setattr(figures, "png", lambda figure: EMPTY)
+def without_figures(patch, but=()):
+    """Draw no figure in pages from now on: every one ``but`` those named is an empty picture. ``patch`` is pytest's
+    monkeypatch."""
+    drawn = figures.png
+    for module in (charts, figures):
+        for name in [name for name in vars(module) if name.endswith("_figure") and name not in but]:
+            patch.setattr(module, name, lambda *given: None)
+    patch.setattr(figures, "png", lambda figure: EMPTY if figure is None else drawn(figure))
 
 
 # one transparent pixel

@@ -129,8 +129,11 @@ def test_hostile_text_adds_no_element_and_no_attribute(tmp_path, text, tame, mon
 
 @pytest.mark.parametrize("text", [HOSTILE[0], *HOSTILE[45:]], ids=range(6))
 @pytest.mark.filterwarnings("ignore:Glyph")
-def test_names_that_a_typesetter_would_trip_over_are_drawn(tmp_path, text):
-    """Dollars begin mathematics in matplotlib, underscores hide a label; control characters have no glyph."""
+def test_names_that_a_typesetter_would_trip_over_are_drawn(tmp_path, text, monkeypatch):
+    """Dollars begin mathematics in matplotlib, underscores hide a label; control characters have no glyph. All figures
+    with the first, with the others those that names and frames are written into."""
+    if text != HOSTILE[0]:
+        without_figures(monkeypatch, but=("raw_figure", "residual_figure"))
     assert len(Parsed(hostile_page(tmp_path / "report.html", text)).all("img")) == 7
 
 

@@ -22,10 +22,18 @@ def experiment():
     return example()
 
 
-def test_the_report_stands_alone_and_says_what_it_was_given(tmp_path, experiment):
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A report of all that there can be, with its figures beside it: its text and the folder."""
+    folder, experiment = tmp_path_factory.mktemp("whole"), example()
     profile = DepthProfile(np.arange(3.0), np.ones((3, 3)), np.zeros((3, 3)), np.ones(3, int))
     measures = {"RMS along z (voxel)": 0.123, "by_depth": profile}
-    text = write(tmp_path / "report.html", experiment, accuracy=measures, **everything(experiment))
+    given = {"figures_folder": folder / "figures", "accuracy": measures, **everything(experiment)}
+    return write(folder / "report.html", experiment, **given), folder
+
+
+def test_the_report_stands_alone_and_says_what_it_was_given(whole):
+    text, _ = whole
     page = Parsed(text)
     assert {image["alt"] for image in page.all("img")} == {
         "velocity in three slices through the middle",
@@ -55,13 +63,13 @@ def test_every_link_of_the_contents_leads_to_a_section(tmp_path, experiment, mon
         assert len(targets) == (7 if not options else 8)
 
 
-def test_figures_are_files_too(tmp_path, experiment):
-    text = write(tmp_path / "report.html", experiment, figures_folder=tmp_path / "figures", **everything(experiment))
-    names = {path.name for path in (tmp_path / "figures").iterdir()}
-    kinds = ("displacements", "lattice", "residuals", "uncertainty", "validation", "velocity", "volume")
+def test_figures_are_files_too(whole):
+    text, folder = whole
+    names = {path.name for path in (folder / "figures").iterdir()}
+    kinds = ("accuracy", "displacements", "lattice", "residuals", "uncertainty", "validation", "velocity", "volume")
     assert names == {f"{kind}.{ending}" for kind in kinds for ending in ("png", "pdf")}
     assert len(Parsed(text).all("img")) == len(kinds)
-    for path in (tmp_path / "figures").iterdir():
+    for path in (folder / "figures").iterdir():
         content = path.read_bytes()
         if path.suffix == ".png":
             assert min(Image.open(io.BytesIO(content)).size) > 300
