@@ -16,6 +16,10 @@ from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.simulated_recording import simulate_recording
 
+# each condition on one lattice; on the other in the full set
+hexagons = pytest.mark.parametrize("kind", ["hexagonal", pytest.param("square", marks=pytest.mark.full)])
+squares = pytest.mark.parametrize("kind", [pytest.param("hexagonal", marks=pytest.mark.full), "square"])
+
 
 @pytest.fixture(autouse=True)
 def _no_warnings():
@@ -24,7 +28,7 @@ def _no_warnings():
         yield
 
 
-@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+@hexagons
 @pytest.mark.parametrize(
     ("shape", "pitch_px", "rotation_deg"),
     [
@@ -53,7 +57,7 @@ def test_centres_over_the_whole_sensor(kind, shape, pitch_px, rotation_deg):
     assert fit.microlenses > 0.6 * shape[0] * shape[1] / (fit.lattice.row_spacing * pitch_px**2)
 
 
-@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+@squares
 @pytest.mark.parametrize("pitch_px", [8.0, 28.0])
 def test_every_lens_at_the_same_sub_pixel_position(kind, pitch_px):
     """A pitch of whole pixels without rotation: what a fit's bias depends on does not average out."""
@@ -63,7 +67,7 @@ def test_every_lens_at_the_same_sub_pixel_position(kind, pitch_px):
     assert worst_error_px(fit, camera, true_centres(shape, kind, pitch_px, 0.0, offset)) < 0.05
 
 
-@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+@squares
 @pytest.mark.parametrize(
     "light",
     [
@@ -86,7 +90,7 @@ def test_other_apertures_and_poor_light(kind, light):
     assert worst_error_px(fit, camera, true_centres(shape, kind, 14.04, 3.0, offset)) < 0.03
 
 
-@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+@hexagons
 def test_offset_and_rotation_have_the_sign_of_the_frame(kind):
     """Columns grow with -s and rows with +t; rotation is counter-clockwise from s to t."""
     shape, mm = (201, 261), PIXEL_MM / (1.0 + E)
