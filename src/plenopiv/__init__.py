@@ -8,7 +8,7 @@ The same as ``plenopiv run experiment.toml``, in Python:
     result = plenopiv.process(experiment)
     print(result.velocity.w.max(), result.summary["replaced_share"])
 
-The stages, each a subpackage of its own: recording -> lightfield -> reconstruction (volume) -> displacement -> velocity.
+The stages, a subpackage each: recording -> lightfield -> reconstruction (volume) -> displacement -> velocity.
 """
 
 from __future__ import annotations

@@ -188,7 +188,8 @@ def rule_out(
                 if limit >= largest[k]:
                     continue
                 qx, qy, lit = m - phase[lens, 0], phase[lens, 1] - n, F(1)
-                out_x, out_y = half_x + abs(qx) * blur[k], half_y + abs(qy) * blur[k]
+                along, across = (abs(qy), abs(qx)) if cam.swapped else (abs(qx), abs(qy))  # rows of microlenses
+                out_x, out_y = half_x + along * blur[k], half_y + across * blur[k]
                 if rim[view] and rule == EXACT:
                     lit, qx, qy = lit_part(cam.radius, plane.spread, qx, qy)
                     limit /= max(lit, F(1e-3))
