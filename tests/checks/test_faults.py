@@ -100,7 +100,7 @@ def test_white_image_and_frames_flipped_against_each_other(recording, way, which
     assert ("a.tif" in fault.words) == (which != "one frame")
 
 
-@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+@pytest.mark.parametrize("kind", [pytest.param("square", marks=pytest.mark.full), "hexagonal"])
 @pytest.mark.parametrize("way", TURNS)
 def test_turns_of_a_square_sensor(recorded, kind, way):
     """By 90 degrees as well; on the common square of a sensor."""

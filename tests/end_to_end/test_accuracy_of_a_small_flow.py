@@ -16,6 +16,7 @@ import tomllib
 import numpy as np
 import pytest
 import tomli_w
+from runs import without_report
 
 import plenopiv
 from plenopiv.accuracy import score_velocity
@@ -72,7 +73,9 @@ def measured(tmp_path_factory):
     del tables["reconstruction"]  # what nobody sets is measured with the program's own choice
     tables["correlation"] = {"windows": tables["correlation"]["windows"]}
     (folder / "experiment.toml").write_text(tomli_w.dumps(tables))
-    result = plenopiv.process(plenopiv.load(folder / "experiment.toml"))
+    with pytest.MonkeyPatch.context() as patch:
+        without_report(patch)
+        result = plenopiv.process(plenopiv.load(folder / "experiment.toml"))
     with np.load(folder / "truth_particles.npz") as particles:
         score = score_velocity(
             result.velocity,

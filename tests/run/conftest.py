@@ -1,17 +1,15 @@
 """A small simulated recording, its run, and the truth."""
 
-import importlib
 import json
-import pkgutil
 import shutil
 import subprocess
 import sys
 from typing import NamedTuple
 
 import pytest
+from runs import without_report
 
 import plenopiv
-import plenopiv.run
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.experiment import Experiment
 from plenopiv.lattice import Lattice
@@ -55,14 +53,9 @@ def experiment(recorded, tmp_path):
     return Experiment.load(tmp_path / "recording" / "experiment.toml")
 
 
-@pytest.fixture
-def without_report(monkeypatch):
-    """Spares drawing a report that the test does not read: two thirds of the time of a small run."""
-    modules = [importlib.import_module(f"plenopiv.run.{m.name}") for m in pkgutil.iter_modules(plenopiv.run.__path__)]
-    drawing = [module for module in modules if hasattr(module, "write_report")]
-    assert drawing
-    for module in drawing:
-        monkeypatch.setattr(module, "write_report", lambda *given, **named: None)
+@pytest.fixture(name="without_report")
+def _without_report(monkeypatch):
+    without_report(monkeypatch)
 
 
 @pytest.fixture(scope="session")
