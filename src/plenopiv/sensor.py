@@ -17,17 +17,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Orientation = Literal["upright", "sensor"]
+Alignment = Literal["low", "high"]
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """Pixels of a monochrome sensor. Pitch in mm, black level in counts."""
+    """Pixels of a monochrome sensor. Pitch in mm, black level in counts of ``bit_depth``.
+
+    ``alignment``: whether files hold counts in the lower or the upper bits of 16.
+    """
 
     columns: int
     rows: int
     pixel_pitch_mm: float
     bit_depth: int = 12
     black_level: float = 0.0
+    alignment: Alignment = "low"
 
     @property
     def full_scale(self) -> int:

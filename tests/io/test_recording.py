@@ -71,9 +71,10 @@ def test_a_missing_file_a_folder_and_an_empty_file(tmp_path):
 
 
 def test_what_is_no_tiff_says_that_only_tiff_is_read(tmp_path):
+    """And the other formats, each by its own ending."""
     path = tmp_path / "a.tif"
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
-    assert "only TIFF is read" in refused(path)
+    assert "no image file that is known; TIFF, PNG, NumPy" in refused(path)
 
 
 @pytest.mark.parametrize("options", [{}, {"compression": "lzw"}, {"rowsperstrip": 4}, {"tile": (16, 16)}])

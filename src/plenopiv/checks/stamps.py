@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from itertools import pairwise
-from pathlib import Path
 
 from plenopiv.checks.findings import Finding
-from plenopiv.recording import tiff_tags
+from plenopiv.recording import ImageSource
 
 TAKEN = ((36867, 37521), (306, 37520))  # DateTimeOriginal before DateTime, which software may renew; subseconds
 CAMERA = ((271, "make"), (272, "model"), (50735, "serial number"))
@@ -24,13 +23,13 @@ class Stamp:
     camera: dict[str, str]
 
 
-def stamp(path: Path) -> Stamp:
-    """Read the tags of one file.
+def stamp(source: ImageSource) -> Stamp:
+    """Read the tags of one image; only TIFF files have any.
 
     Raises:
-        PlenoPIVError: as ``recording.read_image``.
+        PlenoPIVError: as ``ImageSource.size``.
     """
-    tags = tiff_tags(path)
+    tags = source.tags()
     camera = {name: _plain(str(tags[code])) for code, name in CAMERA if code in tags}
     return Stamp(_time(tags), {name: words for name, words in camera.items() if words})
 

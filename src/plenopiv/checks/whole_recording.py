@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from plenopiv.lightfield import LightField, decode, layout
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
+from plenopiv.recording.sources import only_source
 from plenopiv.sensor import middle, middle_of
 from plenopiv.volume import VoxelGrid
 
@@ -71,7 +71,7 @@ def check(
         warnings.simplefilter("ignore", PlenoPIVWarning)  # saturation is a finding here
         frames = [recording.frame(k) for k in chosen]
         image = recording.white()
-    names = [printable(recording.frame_paths[k].name) for k in chosen]
+    names = [printable(recording.frames[k].name) for k in chosen]
     findings = _files(recording)
     seen = CheckResult((), camera, names[0], frames[0], image)
     if image is not None:
@@ -95,16 +95,13 @@ def check(
 
 def _files(recording: Recording) -> list[Finding]:
     """Findings on times and cameras in the files' tags."""
-    marks = [_marked(path) for path in recording.frame_paths]
+    marks = [(printable(frame.name), stamps.stamp(frame)) for frame in recording.frames]
     out = [stamps.in_order(marks, recording.dt_s)]
     if recording.white_path is not None:
-        other = stamps.same_camera(marks[0], _marked(recording.white_path))
+        white = printable(recording.white_path.name)
+        other = stamps.same_camera(marks[0], (white, stamps.stamp(only_source(recording.white_path))))
         out += [other] if other else []
     return out
-
-
-def _marked(path: Path) -> tuple[str, stamps.Stamp]:
-    return printable(path.name), stamps.stamp(path)
 
 
 def _worst(findings: list[Finding]) -> list[Finding]:

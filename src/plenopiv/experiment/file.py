@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Callable, Sequence
 from math import prod, radians
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,9 @@ from plenopiv.experiment.tables import (
     VolumeTable,
 )
 from plenopiv.lattice import Lattice
-from plenopiv.recording import Recording, find_frames
+from plenopiv.recording import Recording
+from plenopiv.recording.pairs import Pairs, sequence
+from plenopiv.recording.pairs import pairs as pairs_of
 from plenopiv.sensor import Sensor
 from plenopiv.volume import VoxelGrid
 
@@ -163,7 +166,7 @@ class Experiment(Table):
             MainLens(lens.focal_length_mm, lens.diameter_mm, lens.magnification),
             Lattice(array.lattice, array.pitch_mm, radians(array.rotation_deg or 0.0), array.offset_mm or (0.0, 0.0)),
             array.focal_length_mm,
-            Sensor(sensor.columns, sensor.rows, sensor.pixel_pitch_mm, sensor.bit_depth, sensor.black_level),
+            Sensor(**sensor.model_dump()),
         )
 
     def grid(self) -> VoxelGrid:
@@ -177,13 +180,15 @@ class Experiment(Table):
         Raises:
             PlenoPIVError: see ``Recording``.
         """
-        table = self.recording_table
-        white = None if table.white is None else self.folder / table.white
-        if isinstance(table.frames, str):
-            frames = find_frames(self.folder, table.frames, leave_out=white)
+        table, folder = self.recording_table, self.folder
+        white = None if table.white is None else folder / table.white
+        others = [] if white is None else [white]
+        if table.pairs is None:
+            assert table.frames is not None
+            frames, pairs = sequence(folder, table.frames, others), Pairs()
         else:
-            frames = tuple(self.folder / name for name in table.frames)
-        return Recording(self.camera().sensor, frames, white, table.dt_s, table.orientation)
+            frames, pairs = pairs_of(folder, table.pairs, table.stacked, others)
+        return Recording(self.camera().sensor, frames, white, table.dt_s, table.orientation, pairs)
 
     def warnings(self) -> list[str]:
         """Warnings before a run, one line each; none of them stops the run."""
@@ -228,9 +233,13 @@ class Experiment(Table):
                     return str((self.folder / name).resolve())
 
             recording, output = tables["recording"], tables["output"]
-            frames = recording["frames"]
-            recording["frames"] = moved(frames) if isinstance(frames, str) else [moved(name) for name in frames]
-            if "white" in recording:
-                recording["white"] = moved(recording["white"])
+            for key in ("white", "frames", "pairs"):
+                if key in recording:
+                    recording[key] = _each(recording[key], moved)
             output["directory"] = moved(output["directory"])
         return tomli_w.dumps(tables)
+
+
+def _each(names: str | Sequence[Any], moved: Callable[[str], str]) -> Any:
+    """A file name or nested lists of them, each changed."""
+    return moved(names) if isinstance(names, str) else [_each(name, moved) for name in names]

@@ -37,6 +37,20 @@ def _frames(value: Any) -> str | tuple[str, ...]:
     raise ValueError('must be a list of file names, or a glob such as "run7/*.tif"')
 
 
+def _pairs(value: Any) -> str | tuple[tuple[str, str], ...]:
+    if isinstance(value, str) and value:
+        return value
+    if isinstance(value, list | tuple) and value:
+        twos = [tuple(pair) for pair in value if isinstance(pair, list | tuple)]
+        if len(twos) == len(value) and all(len(t) == 2 and all(isinstance(n, str) and n for n in t) for t in twos):
+            return tuple((a, b) for a, b in twos)
+    raise ValueError('must be a pattern such as "run_*_{a,b}.tif", or a list of [first, second] file names')
+
+
+FileName = Annotated[str, Field(min_length=1)]
+STRING_OR_ARRAY = WithJsonSchema({"type": ["string", "array"]})
+
+
 class MainLensTable(Table):
     """``[camera.main_lens]``: a thin lens.
 
@@ -83,13 +97,14 @@ class MicrolensArrayTable(Table):
 
 
 class SensorTable(Table):
-    """``[camera.sensor]``: pixels, bit depth, and the count of a dark pixel."""
+    """``[camera.sensor]``: pixels, bit depth, the count of a dark pixel, and in which of 16 bits files hold counts."""
 
     columns: Annotated[int, Field(ge=16, le=65536)]
     rows: Annotated[int, Field(ge=16, le=65536)]
     pixel_pitch_mm: PositiveFloat
     bit_depth: Annotated[int, Field(ge=8, le=16)]
     black_level: NotNegative = 0.0
+    alignment: Literal["low", "high"] = "low"
 
     @model_validator(mode="after")
     def _consistent(self) -> SensorTable:
@@ -119,13 +134,28 @@ class CameraTable(Table):
 class RecordingTable(Table):
     """``[recording]``: image files, relative to the experiment file, and the time from one frame to the next.
 
-    ``orientation`` has no default: a wrong one turns every velocity by 180 degrees without a sign of it.
+    Either ``frames``, a sequence ``dt_s`` apart, or ``pairs`` of a double-frame camera, ``dt_s`` between the two
+    (``recording.pairs``). ``orientation`` has no default: a wrong one turns every velocity by 180 degrees without a
+    sign of it.
     """
 
-    white: Annotated[str, Field(min_length=1)] | None = None
-    frames: Annotated[str | tuple[str, ...], PlainValidator(_frames), WithJsonSchema({"type": ["string", "array"]})]
+    white: FileName | None = None
+    frames: Annotated[str | tuple[str, ...], PlainValidator(_frames), STRING_OR_ARRAY] | None = None
+    pairs: Annotated[str | tuple[tuple[str, str], ...], PlainValidator(_pairs), STRING_OR_ARRAY] | None = None
+    stacked: Literal["top-first", "bottom-first"] | None = None
     dt_s: PositiveFloat
     orientation: Literal["upright", "sensor"]
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> RecordingTable:
+        if (self.frames is None) == (self.pairs is None):
+            raise ValueError(
+                "give exactly one of frames (a sequence, dt_s apart) and pairs (of a double-frame camera, dt_s between "
+                "the two)"
+            )
+        if self.stacked is not None and not isinstance(self.pairs, str):
+            raise ValueError('stacked goes with pairs = "run_*.tif", whose images hold both pulses')
+        return self
 
 
 class VolumeTable(Table):

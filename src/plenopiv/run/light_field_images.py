@@ -42,7 +42,7 @@ def light_field(experiment: Experiment, frame: str | None) -> tuple[LightField, 
     recording = experiment.recording()
     k = number_of(recording, frame)
     camera, _ = calibrated_camera(experiment, recording)
-    return decode(recording.frame(k), layout(camera)), recording.frame_paths[k].name
+    return decode(recording.frame(k), layout(camera)), recording.names[k]
 
 
 def number_of(recording: Recording, frame: str | None) -> int:
@@ -51,7 +51,7 @@ def number_of(recording: Recording, frame: str | None) -> int:
     Raises:
         PlenoPIVError: none is.
     """
-    names = [path.name for path in recording.frame_paths]
+    names = recording.names
     if frame is None:
         return 0
     if frame in names:

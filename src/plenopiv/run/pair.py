@@ -48,7 +48,7 @@ def reconstructed(chain: Chain, recording: Recording, number: int, progress: Pro
     Raises:
         PlenoPIVError: its image cannot be used, or shows no particles.
     """
-    name = recording.frame_paths[number].name
+    name = recording.names[number]
     image = recording.frame(number)
     found = chain.reconstruct([image], name, partial(progress, f"reconstruction of {name}"))
     return Frame(number, name, image, found)

@@ -1,0 +1,214 @@
+"""Images in other files than TIFF: PNG, NumPy, HDF5, and LaVision's through the optional ``lvpyio``.
+
+A file is told by its first bytes where it has such, by its ending otherwise. Arrays of three dimensions are stacks of
+images (image, row, column).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import prod
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.errors import PlenoPIVError
+
+SEPARATOR = "::"  # between an HDF5 file and its data set
+LARGEST = 1 << 32  # bytes of an image: more is a damaged header
+
+Header = tuple[tuple[int, int], int]  # (columns, rows), bits per pixel
+
+
+class Reader(Protocol):
+    """How one format is read. ``page`` counts images from 0, ``dataset`` is that of an HDF5 file."""
+
+    def images(self, path: Path, dataset: str) -> int:
+        """The number of images."""
+
+    def header(self, path: Path, page: int, dataset: str) -> Header:
+        """(columns, rows) and bits per pixel of one."""
+
+    def counts(self, path: Path, page: int, dataset: str) -> NDArray:
+        """Counts of one, (rows, columns)."""
+
+
+def split(name: Path) -> tuple[Path, str]:
+    """A file and the data set in it, "" where none is named."""
+    path, _, dataset = str(name).partition(SEPARATOR)
+    return Path(path), dataset
+
+
+def reader_of(path: Path) -> Reader | None:
+    """How a file is read; None for TIFF files and those of no known format."""
+    return READERS.get(path.suffix.lower())
+
+
+def checked(array_shape: tuple[int, ...], dtype: np.dtype, path: Path) -> None:
+    """Raise PlenoPIVError for what is no image, or stack of images, of 8- or 16-bit counts."""
+    if len(array_shape) not in (2, 3) or 0 in array_shape:
+        raise PlenoPIVError(f"{path}: holds an array of shape {array_shape}; wanted (rows, columns) or a stack of such")
+    if len(array_shape) == 3 and array_shape[-1] in (3, 4) and array_shape[0] > 4:
+        raise PlenoPIVError(f"{path}: is a colour image {array_shape}; only raw monochrome images are supported")
+    if dtype not in (np.uint8, np.uint16):
+        raise PlenoPIVError(f"{path}: holds {dtype} values; raw images hold 8- or 16-bit unsigned counts")
+    if prod(array_shape[-2:]) * dtype.itemsize > LARGEST:
+        raise PlenoPIVError(f"{path}: holds images of {array_shape[-1]} x {array_shape[-2]} pixels: is it damaged?")
+
+
+class Arrays:
+    """Formats that hold one array: what they have in common."""
+
+    @contextmanager
+    def array(self, path: Path, dataset: str) -> Iterator[Any]:
+        """Something with ``shape``, ``dtype`` and slices."""
+        raise NotImplementedError
+
+    def images(self, path: Path, dataset: str) -> int:
+        """See ``Reader``."""
+        with self.array(path, dataset) as found:
+            checked(found.shape, found.dtype, path)
+            return found.shape[0] if len(found.shape) == 3 else 1
+
+    def header(self, path: Path, page: int, dataset: str) -> Header:
+        """See ``Reader``."""
+        with self.array(path, dataset) as found:
+            checked(found.shape, found.dtype, path)
+            return (int(found.shape[-1]), int(found.shape[-2])), 8 * found.dtype.itemsize
+
+    def counts(self, path: Path, page: int, dataset: str) -> NDArray:
+        """See ``Reader``."""
+        with self.array(path, dataset) as found:
+            checked(found.shape, found.dtype, path)
+            return np.array(found[page] if len(found.shape) == 3 else found)
+
+
+class NumPyFile(Arrays):
+    """A .npy file."""
+
+    @contextmanager
+    def array(self, path: Path, dataset: str) -> Iterator[Any]:
+        """See ``Arrays``."""
+        try:
+            found = np.load(path, mmap_mode="r", allow_pickle=False)
+            shape = found.shape
+        except (ValueError, OSError, EOFError, SyntaxError, AttributeError) as error:
+            raise PlenoPIVError(f"{path}: is no whole NumPy file ({_brief(error)})") from None
+        del shape
+        yield found
+
+
+class HDF5File(Arrays):
+    """A data set of an HDF5 file."""
+
+    @contextmanager
+    def array(self, path: Path, dataset: str) -> Iterator[Any]:
+        """See ``Arrays``."""
+        import h5py
+
+        try:
+            file = h5py.File(path, "r")
+        except OSError as error:
+            raise PlenoPIVError(f"{path}: is no whole HDF5 file ({_brief(error)})") from None
+        with file:
+            found = file.get(dataset) if dataset else None
+            if not isinstance(found, h5py.Dataset):
+                names: list[str] = []
+                file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+                held = ", ".join(names[:4]) or "none"
+                wrong = f"has no data set {dataset!r}" if dataset else "names no data set"
+                raise PlenoPIVError(f"{path}: {wrong}; write {path.name}{SEPARATOR}NAME, it holds {held}")
+            try:
+                yield found
+            except (OSError, RuntimeError) as error:
+                raise PlenoPIVError(f"{path}: data set {dataset} cannot be read ({_brief(error)})") from None
+
+
+class PNGFile:
+    """A monochrome PNG file of 8 or 16 bits."""
+
+    def images(self, path: Path, dataset: str) -> int:
+        """See ``Reader``."""
+        self.header(path, 0, dataset)
+        return 1
+
+    def header(self, path: Path, page: int, dataset: str) -> Header:
+        """See ``Reader``."""
+        with path.open("rb") as file:
+            start = file.read(29)
+        if len(start) < 29 or start[:8] != b"\x89PNG\r\n\x1a\n" or start[12:16] != b"IHDR":
+            raise PlenoPIVError(f"{path}: is no PNG file")
+        columns, rows = (int.from_bytes(start[at : at + 4], "big") for at in (16, 20))
+        bits, colour = start[24], start[25]
+        if colour != 0:
+            raise PlenoPIVError(f"{path}: is a colour image; only raw monochrome images are supported")
+        if bits not in (8, 16):
+            raise PlenoPIVError(f"{path}: holds {bits} bits per pixel; raw images hold 8- or 16-bit unsigned counts")
+        checked((rows, columns), np.dtype(np.uint8 if bits == 8 else np.uint16), path)
+        return (columns, rows), bits
+
+    def counts(self, path: Path, page: int, dataset: str) -> NDArray:
+        """See ``Reader``."""
+        import imagecodecs
+
+        (columns, rows), _ = self.header(path, page, dataset)
+        try:
+            counts = imagecodecs.png_decode(path.read_bytes())
+        except Exception as error:
+            raise PlenoPIVError(f"{path}: its pixels do not decode, the file is damaged ({_brief(error)})") from None
+        if counts.shape != (rows, columns):
+            raise PlenoPIVError(f"{path}: its pixels are not those of its header; the file is damaged")
+        return counts
+
+
+class LaVisionFile:
+    """A .im7 buffer: each of its frames is an image."""
+
+    def _frames(self, path: Path) -> list[NDArray]:
+        try:
+            import lvpyio
+        except ImportError:
+            raise PlenoPIVError(
+                f"{path}: LaVision files need the package lvpyio: pip install plenopiv[lavision]; or export TIFF"
+            ) from None
+        try:
+            buffer = lvpyio.read_buffer(str(path))
+            return [np.asarray(np.ma.getdata(frame.as_masked_array())) for frame in buffer]
+        except Exception as error:
+            raise PlenoPIVError(f"{path}: cannot be read by lvpyio ({_brief(error)})") from None
+
+    def images(self, path: Path, dataset: str) -> int:
+        """See ``Reader``."""
+        return len(self._frames(path))
+
+    def header(self, path: Path, page: int, dataset: str) -> Header:
+        """See ``Reader``."""
+        counts = self.counts(path, page, dataset)
+        return (counts.shape[1], counts.shape[0]), 8 * counts.dtype.itemsize
+
+    def counts(self, path: Path, page: int, dataset: str) -> NDArray:
+        """See ``Reader``. Values are counts even where the buffer holds them as floats."""
+        values = self._frames(path)[page]
+        counts = values.astype(np.uint16)
+        if not np.array_equal(counts, values):
+            raise PlenoPIVError(f"{path}: holds values that are no counts; export the raw images")
+        checked(counts.shape, counts.dtype, path)
+        return counts
+
+
+_HDF5 = HDF5File()
+READERS: dict[str, Reader] = {
+    ".png": PNGFile(),
+    ".npy": NumPyFile(),
+    ".h5": _HDF5,
+    ".hdf5": _HDF5,
+    ".im7": LaVisionFile(),
+}
+
+
+def _brief(error: Exception) -> str:
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return text if len(text) <= 100 else f"{text[:97]}..."

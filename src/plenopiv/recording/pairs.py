@@ -1,0 +1,140 @@
+"""Which images belong together: frames of a sequence, and pairs of a double-frame camera."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal
+
+from plenopiv.errors import PlenoPIVError
+from plenopiv.recording.sources import ImageSource, only_source, sources_of
+
+Stacked = Literal["top-first", "bottom-first"]
+BRACES = re.compile(r"\{([^{},]*),([^{},]*)\}")
+
+Frames = tuple[ImageSource, ...]
+Pairs = tuple[tuple[int, int], ...]
+
+
+def sequence(folder: Path, named: str | Sequence[str], leave_out: Sequence[Path] = ()) -> Frames:
+    """The frames of a pattern, or of a list of files, in the order of time; a file of several pages holds as many.
+
+    Raises:
+        PlenoPIVError: nothing matches, or a file cannot be used.
+    """
+    paths = find_frames(folder, named, leave_out) if isinstance(named, str) else [folder / name for name in named]
+    return tuple(source for path in paths for source in sources_of(path))
+
+
+def pairs(
+    folder: Path,
+    named: str | Sequence[tuple[str, str]],
+    stacked: Stacked | None = None,
+    leave_out: Sequence[Path] = (),
+) -> tuple[Frames, Pairs]:
+    """The frames of pairs, and which of them are one: (first, second) numbers.
+
+    ``named``: a pattern with braces for the two pulses, ``"run_*_{a,b}.tif"``; one without, of files whose pages are
+    the two pulses of a pair, or of several one after the other; or a list of two names each. ``stacked``: every image
+    has double height and holds both pulses.
+
+    Raises:
+        PlenoPIVError: nothing matches, a file has no partner, pages do not come in twos, or a file cannot be used.
+    """
+    if not isinstance(named, str):
+        found = [(only_source(folder / a), only_source(folder / b)) for a, b in named]
+    elif stacked is not None:
+        _without_braces(named, "stacked images hold both pulses")
+        images = [source for path in find_frames(folder, named, leave_out) for source in sources_of(path)]
+        found = [image.halves(stacked) for image in images]
+    elif "{" in named:
+        found = [(only_source(a), only_source(b)) for a, b in _partners(folder, named, leave_out)]
+    else:
+        found = []
+        for path in find_frames(folder, named, leave_out):
+            pages = sources_of(path)
+            if len(pages) % 2:
+                raise PlenoPIVError(
+                    f"{path}: holds {len(pages)} image(s), and pulses come in twos; name single images by braces, as "
+                    'in recording.pairs = "run_*_{a,b}.tif", or as recording.frames'
+                )
+            found += list(zip(pages[::2], pages[1::2], strict=True))
+    frames = tuple(frame for pair in found for frame in pair)
+    return frames, tuple((2 * k, 2 * k + 1) for k in range(len(found)))
+
+
+def _partners(folder: Path, pattern: str, leave_out: Sequence[Path]) -> list[tuple[Path, Path]]:
+    """Files of a pattern with braces, each with the one that differs by what the braces say alone."""
+    braces = BRACES.findall(pattern)
+    if len(braces) != 1 or braces[0][0] == braces[0][1]:
+        raise PlenoPIVError(
+            f"recording.pairs: {pattern!r}: give one pair of braces with the two pulses' names, as in run_*_{{a,b}}.tif"
+        )
+    before, after = BRACES.sub("\0", pattern).split("\0")
+    first, second = (before + word + after for word in braces[0])
+    if "*" not in first and "?" not in first and "[" not in first:
+        paths = [(folder / first, folder / second)]
+    else:
+        key = [_wildcards(one) for one in (first, second)]
+        sides = [
+            {key[n](path, folder): path for path in find_frames(folder, one, leave_out)}
+            for n, one in enumerate((first, second))
+        ]
+        alone = [sides[n][k] for n in (0, 1) for k in sides[n].keys() - sides[1 - n].keys()]
+        if alone:
+            names = ", ".join(path.name for path in sorted(alone)[:3])
+            more = f" and {len(alone) - 3} more" if len(alone) > 3 else ""
+            raise PlenoPIVError(
+                f"recording.pairs: {names}{more} has no partner by {pattern!r}; add or move it away, or list the pairs"
+            )
+        paths = [(sides[0][k], sides[1][k]) for k in sorted(sides[0], key=lambda k: [natural_order(w) for w in k])]
+    return paths
+
+
+def _wildcards(pattern: str) -> Callable[[Path, Path], tuple[str, ...]]:
+    """A function that says what the wildcards of a pattern stand for in a path below a folder."""
+    parts = re.split(r"(\*\*/|\*|\?|\[[^\]]*\])", Path(pattern).as_posix())
+    said = {"**/": "((?:.*/)?)", "*": "([^/]*)", "?": "([^/])"}
+    expression = "".join(
+        said.get(part, f"({part.replace('[!', '[^')})" if part.startswith("[") and n % 2 else re.escape(part))
+        for n, part in enumerate(parts)
+    )
+
+    def words(path: Path, folder: Path) -> tuple[str, ...]:
+        name = path.as_posix() if Path(pattern).is_absolute() else path.relative_to(folder).as_posix()
+        found = re.fullmatch(expression, name)
+        return found.groups() if found else (name,)
+
+    return words
+
+
+def _without_braces(pattern: str, why: str) -> None:
+    if "{" in pattern:
+        raise PlenoPIVError(f"recording.pairs: {pattern!r}: {why}, so there are no braces")
+
+
+def find_frames(folder: Path, pattern: str, leave_out: Path | Sequence[Path] | None = None) -> tuple[Path, ...]:
+    """Files of a glob in natural order (a2 before a10), without ``leave_out`` (white image, dark, background).
+
+    Raises:
+        PlenoPIVError: nothing matches, or the pattern is none.
+    """
+    try:
+        # Path.glob takes no absolute patterns: split off the root.
+        root = Path(pattern).anchor
+        found = Path(root).glob(str(Path(pattern).relative_to(root))) if root else folder.glob(pattern)
+        paths = sorted((p for p in found if p.is_file()), key=lambda p: natural_order(p.as_posix()))
+    except (ValueError, NotImplementedError) as error:
+        raise PlenoPIVError(f"recording.frames: {pattern!r} is no file pattern ({error})") from None
+    others = [leave_out] if isinstance(leave_out, Path) else list(leave_out or ())
+    apart = {other.resolve() for other in others}
+    kept = tuple(p for p in paths if p.resolve() not in apart)
+    if not kept:
+        raise PlenoPIVError(f"recording.frames: no file matches {pattern!r} in {folder.resolve()}")
+    return kept
+
+
+def natural_order(name: str) -> list[tuple[int, int, str]]:
+    """Sort key that reads digits as numbers: frame2 before frame10."""
+    return [(0, int(part), "") if part.isdecimal() else (1, 0, part.casefold()) for part in re.split(r"(\d+)", name)]

@@ -1,0 +1,159 @@
+"""TIFF files: headers checked before any pixel is decoded.
+
+A page that is truncated, coloured, of the wrong size or of the wrong depth is an error that names its file, never a
+picture with zeros in it: TIFF readers fill what is missing.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.errors import PlenoPIVError
+
+if TYPE_CHECKING:
+    import tifffile
+
+EXIF = 34665
+BULKY_TAGS = {273, 279, 324, 325, EXIF}  # where the pixels lie
+SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+MOST_PAGES = 100_000  # of a file: more are a damaged header
+
+
+def pages(path: Path) -> int:
+    """The number of images in a file.
+
+    Raises:
+        PlenoPIVError: no TIFF, or its header cannot be read.
+    """
+    with _file(path) as tif:
+        return len(tif.pages)
+
+
+def header(path: Path, page: int) -> tuple[tuple[int, int], int]:
+    """(columns, rows) of a page, and its bits per pixel.
+
+    Raises:
+        PlenoPIVError: in colour, no 8- or 16-bit counts, or there is no such page.
+    """
+    with _page(path, page) as found:
+        return (int(found.imagewidth), int(found.imagelength)), int(found.bitspersample)
+
+
+def check_whole(path: Path, page: int) -> None:
+    """Raise PlenoPIVError unless all pixels of a page are in the file."""
+    with _page(path, page) as found:
+        _whole(path, found)
+
+
+def counts(path: Path, page: int) -> NDArray:
+    """Counts of a page as stored, (rows, columns).
+
+    Raises:
+        PlenoPIVError: as ``header``; truncated, or the pixels do not decode.
+    """
+    with _page(path, page) as found:
+        _whole(path, found)
+        try:
+            return found.asarray()
+        except Exception as error:  # every codec fails in its own way
+            raise PlenoPIVError(f"{path}: its pixels do not decode, the file is damaged ({_brief(error)})") from None
+
+
+def tiff_tags(path: Path, page: int = 0) -> dict[int, object]:
+    """Values of the tags of a page by their code, those of its EXIF block too.
+
+    Raises:
+        PlenoPIVError: as ``header``.
+    """
+    with _page(path, page) as found:
+        tags = {tag.code: tag.value for tag in found.tags if tag.code not in BULKY_TAGS}
+        names = _exif_codes()
+        for name, value in (found.tags.valueof(EXIF, {}) or {}).items():
+            if name in names:
+                tags.setdefault(names[name], value)
+        return tags
+
+
+def _exif_codes() -> dict[str, int]:
+    import tifffile
+
+    return {name: code for code, name in tifffile.TIFF.EXIF_TAGS.items()}
+
+
+@contextmanager
+def _file(path: Path) -> Iterator[tifffile.TiffFile]:
+    """A TIFF file, opened."""
+    import tifffile
+
+    logger = logging.getLogger("tifffile")
+    was_disabled, logger.disabled = logger.disabled, True  # it logs what is raised here in one line
+    try:
+        try:
+            tif = tifffile.TiffFile(path)
+            count = len(tif.pages)
+        except Exception as error:
+            raise PlenoPIVError(
+                f"{path}: its TIFF header cannot be read, the file is damaged ({_brief(error)})"
+            ) from None
+        with tif:
+            if not 0 < count <= MOST_PAGES:
+                raise PlenoPIVError(f"{path}: holds {count} images; copy it again")
+            yield tif
+    finally:
+        logger.disabled = was_disabled
+
+
+@contextmanager
+def _page(path: Path, number: int) -> Iterator[tifffile.TiffPage]:
+    """A page whose header is that of raw monochrome counts, all of it in the file."""
+    with _file(path) as tif:
+        if number >= len(tif.pages):
+            raise PlenoPIVError(f"{path}: holds {len(tif.pages)} images, there is no page {number + 1}")
+        try:
+            page = cast("tifffile.TiffPage", tif.pages[number])
+        except Exception as error:
+            raise PlenoPIVError(
+                f"{path}: the header of page {number + 1} cannot be read, the file is damaged ({_brief(error)})"
+            ) from None
+        photometric = getattr(page.photometric, "name", str(page.photometric))
+        if page.samplesperpixel != 1 or photometric not in ("MINISBLACK", "MINISWHITE"):
+            raise PlenoPIVError(
+                f"{path}: is a colour image ({photometric}, {page.samplesperpixel} samples per pixel); Bayer and other "
+                f"colour cameras are not supported, only raw monochrome images"
+            )
+        if photometric == "MINISWHITE":
+            raise PlenoPIVError(f"{path}: stores white as 0 (MINISWHITE); save it with black as 0")
+        if page.imagedepth != 1:
+            raise PlenoPIVError(f"{path}: is a volume of {page.imagedepth} slices (image depth), not an image")
+        if page.dtype not in (np.uint8, np.uint16):
+            raise PlenoPIVError(f"{path}: holds {page.dtype} values; raw images hold 8- or 16-bit unsigned counts")
+        yield page
+
+
+def _whole(path: Path, page: tifffile.TiffPage) -> None:
+    """Raise unless all of a page's strips or tiles are in the file: a reader would fill the rest with zeros."""
+    file_bytes = path.stat().st_size
+    offsets, counts = page.dataoffsets, page.databytecounts
+    expected = int(np.prod(page.chunked))
+    ends = [offset + count for offset, count in zip(offsets, counts, strict=False) if offset > 0 and count > 0]
+    if len(ends) < expected:
+        raise PlenoPIVError(
+            f"{path}: {expected - len(ends)} of {expected} strips have no pixels; the file is incomplete"
+        )
+    if max(ends) > file_bytes:
+        raise PlenoPIVError(f"{path}: is truncated: its pixels end at byte {max(ends)}, the file at {file_bytes}")
+    wanted = page.imagewidth * page.imagelength * page.bitspersample // 8
+    if page.compression == 1 and sum(counts) < wanted:
+        raise PlenoPIVError(f"{path}: holds {sum(counts)} bytes of pixels, wanted {wanted}; the file is incomplete")
+
+
+def _brief(error: Exception) -> str:
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return text if len(text) <= 100 else f"{text[:97]}..."
