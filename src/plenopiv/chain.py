@@ -11,7 +11,7 @@ change from frame to frame; it pickles, and gives the same bits on the other sid
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -54,7 +54,8 @@ class Chain:
     ``cameras``: one plenoptic camera, several around the volume, or two and more pinhole cameras, calibrated.
     ``poses``: of several plenoptic cameras, how each stands; the first camera's frame is the object frame.
     ``counts_per_electron``: of the pixels' shot noise. ``tiles``: rows of voxels to be reconstructed one after the
-    other, none for the whole volume at once.
+    other, none for the whole volume at once. ``unusable``: of each plenoptic camera, pixels of an upright image (rows,
+    columns) that are no equations; empty for none.
     """
 
     cameras: tuple[Camera, ...]
@@ -64,10 +65,11 @@ class Chain:
     counts_per_electron: float = NO_WHITE_IMAGE
     poses: tuple[Pose, ...] = (FRONT,)
     tiles: tuple[Tile, ...] = ()
+    unusable: tuple[NDArray[np.bool_] | None, ...] = field(default=(), compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields alone: the projection is made again where it is needed."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def with_tiles(self, tiles: Sequence[Tile]) -> Chain:
         """The same, the volume reconstructed in ``tiles``; the projection is kept if it was made."""
@@ -112,10 +114,13 @@ class Chain:
             )
         weights = self.reconstruction.weights
         projectors = [
-            PlenopticProjector(layout(camera), pose.grid(self.grid), weights)
-            for camera, pose in zip(plenoptic, self.poses, strict=True)
+            PlenopticProjector(layout(camera, masked), pose.grid(self.grid), weights)
+            for camera, pose, masked in zip(plenoptic, self.poses, self._masks(), strict=True)
         ]
         return projectors[0] if self.poses == (FRONT,) else SeveralCameras(self.grid, projectors, self.poses)
+
+    def _masks(self) -> tuple[NDArray[np.bool_] | None, ...]:
+        return self.unusable or (None,) * len(self.cameras)
 
     @property
     def plane_weights(self) -> NDArray[np.float32] | None:
@@ -126,18 +131,31 @@ class Chain:
         return focus_weight(camera, self.grid.axes()[2], reach)
 
     def reconstruct(
-        self, images: Sequence[NDArray], name: str = "frame", progress: Progress | None = None
+        self,
+        images: Sequence[NDArray],
+        name: str = "frame",
+        progress: Progress | None = None,
+        static: Sequence[NDArray] | None = None,
     ) -> Reconstruction:
         """The volume of one frame; ``images``: an upright image (rows, columns), in counts, of each camera.
+
+        ``static``: images of the static light, counts above the black level, that was taken off them; its shot noise is
+        left.
 
         Raises:
             PlenoPIVError: images that are not the cameras', or a frame ``name`` that shows no particles.
         """
+        background = None
+        if static is not None:
+            levels = [camera.sensor.black_level for camera in self.cameras]
+            behind = [light + np.float32(level) for light, level in zip(static, levels, strict=True)]
+            background = self.projection.values_of(behind)
         return reconstruct(
             self.projection.values_of(images),
             self.projection,
             self.reconstruction,
             counts_per_electron=self.counts_per_electron,
+            background=background,
             tiles=self.tiles,
             name=name,
             progress=progress,

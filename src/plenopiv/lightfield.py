@@ -112,8 +112,9 @@ def wrapped(ticks: NDArray[np.int64]) -> NDArray[np.int64]:
     return (ticks + 2**31) % 2**32 - 2**31
 
 
-def layout(camera: PlenopticCamera) -> Layout:
-    """Assign the raw pixels of ``camera`` (with its calibrated lattice) to views and lenses."""
+def layout(camera: PlenopticCamera, unusable: NDArray[np.bool_] | None = None) -> Layout:
+    """Assign the raw pixels of ``camera`` (with its calibrated lattice) to views and lenses. ``unusable``: pixels of an
+    upright image (rows, columns) that are no equations, as hot and masked ones."""
     camera = camera.with_lattice(camera.lattice.aligned())
     sensor, lattice = camera.sensor, camera.lattice
     if abs(lattice.turn_rad) > LARGEST_TURN_RAD:
@@ -160,6 +161,9 @@ def layout(camera: PlenopticCamera) -> Layout:
         if np.hypot(m, n) > camera.image_pitch_px - radius - 1.5:
             foreign = sum(disc_share(x - dx, y - dy, radius + drift, 8) for dx, dy in neighbours)
             seen[v] &= foreign <= FOREIGN_SHARE
+        if unusable is not None:
+            here = np.flatnonzero(seen[v])
+            seen[v, here] = ~unusable[row[here], column[here]]
     keep = seen.any(1)
     return Layout(camera, i0, j0, i1 - i0 + 1, j1 - j0 + 1, offsets[keep], pixel, phase, clock, fill[keep], seen[keep])
 

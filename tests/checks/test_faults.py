@@ -8,6 +8,7 @@ from recordings import camera, edited, looked_at, record, white_of, wrong
 from plenopiv.checks.fit import TURNS, finding, fit
 from plenopiv.checks.stamps import in_order, stamp
 from plenopiv.checks.white import white_image
+from plenopiv.recording.sources import only_source
 
 
 def test_wrong_lattice_type(recorded):
@@ -167,7 +168,7 @@ def test_times_that_contradict_dt(tmp_path):
         image = np.arange(400, dtype=np.uint16).reshape(20, 20)
         tags = [(37520, "s", 0, below, True)]
         tifffile.imwrite(path, image, datetime="2026:03:02 10:00:00", extratags=tags)
-        marks.append((path.name, stamp(path)))
+        marks.append((path.name, stamp(only_source(path))))
     assert in_order(marks[:2], 0.0005).severity == "good"
     assert in_order(marks[:2], 0.001).name == "uneven-times"
     assert "0.0005 to 0.01 s apart" in in_order(marks, 0.0005).words

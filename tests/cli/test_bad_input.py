@@ -21,7 +21,7 @@ IMAGES = {
         lambda path: tifffile.imwrite(path, np.stack([rising(np.uint16)] * 2), photometric="minisblack"),
         "holds 2 images",
     ),
-    "png": (lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(50)), "only TIFF is read"),
+    "png": (lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(50)), "no image file that is known"),
 }
 
 

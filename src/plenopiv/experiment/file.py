@@ -18,6 +18,7 @@ from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import messages
 from plenopiv.experiment.tables import (
+    CalibrationTable,
     CameraTable,
     CorrelationTable,
     OutputTable,
@@ -42,6 +43,7 @@ class Experiment(Table):
     """An experiment file. The tables [camera] and [recording] are ``camera_table`` and ``recording_table``."""
 
     camera_table: CameraTable = Field(alias="camera")
+    calibration: CalibrationTable | None = None
     recording_table: RecordingTable = Field(alias="recording")
     volume: VolumeTable
     reconstruction: ReconstructionTable = ReconstructionTable()
@@ -120,7 +122,7 @@ class Experiment(Table):
             counts = " x ".join(f"{side:.5g}" for side in sides)
             return [f"volume.voxel_mm: {counts} voxels are too many; are all lengths in mm?"]
         unseen = coverage(camera, limits).no_view
-        if unseen > 0 and self.volume.unseen == "error":
+        if unseen > 0 and self.volume.unseen == "error" and self.calibration is None:
             share = f"volume: {100 * unseen:.2g} % of it is seen by no view"
             return [f'{share}; {self._seen_limits(camera)}; or leave it empty: volume.unseen = "empty"']
         nz, ny, nx = self.grid().shape
@@ -182,19 +184,27 @@ class Experiment(Table):
         """
         table, folder = self.recording_table, self.folder
         white = None if table.white is None else folder / table.white
-        others = [] if white is None else [white]
+        dark = None if table.dark is None else folder / table.dark
+        background = tuple(folder / name for name in table.background if not isinstance(table.background, str))
+        others = [path for path in (white, dark, *background) if path is not None]
         if table.pairs is None:
             assert table.frames is not None
             frames, pairs = sequence(folder, table.frames, others), Pairs()
         else:
             frames, pairs = pairs_of(folder, table.pairs, table.stacked, others)
-        return Recording(self.camera().sensor, frames, white, table.dt_s, table.orientation, pairs)
+        sensor, dt_s, orientation = self.camera().sensor, table.dt_s, table.orientation
+        return Recording(sensor, frames, white, dt_s, orientation, pairs, dark, background)
 
     def warnings(self) -> list[str]:
         """Warnings before a run, one line each; none of them stops the run."""
         camera = self.camera()
         unmatched = mismatch(camera)
         lines = [unmatched] if unmatched else []
+        if self.calibration is not None:
+            lines.append(
+                "calibration: images of a target are not used yet: x, y, z are those of a thin lens in air, not the "
+                "target's; behind a window, in water, z and w come out too small by the refractive index"
+            )
         near, far = camera.dead_zone_mm()
         if near <= self.volume.z_mm[0] and self.volume.z_mm[1] <= far:
             lines.append(
@@ -233,9 +243,11 @@ class Experiment(Table):
                     return str((self.folder / name).resolve())
 
             recording, output = tables["recording"], tables["output"]
-            for key in ("white", "frames", "pairs"):
+            for key in ("white", "frames", "pairs", "dark"):
                 if key in recording:
                     recording[key] = _each(recording[key], moved)
+            if recording["background"] != "none":
+                recording["background"] = _each(recording["background"], moved)
             output["directory"] = moved(output["directory"])
         return tomli_w.dumps(tables)
 

@@ -47,6 +47,14 @@ def _pairs(value: Any) -> str | tuple[tuple[str, str], ...]:
     raise ValueError('must be a pattern such as "run_*_{a,b}.tif", or a list of [first, second] file names')
 
 
+def _background(value: Any) -> str | tuple[str, ...]:
+    if isinstance(value, str) and value:
+        return value if value == "none" else (value,)
+    if isinstance(value, list | tuple) and len(value) in (1, 2) and all(isinstance(n, str) and n for n in value):
+        return tuple(value)
+    raise ValueError('must be "none", an image of the static light, or a list of two, one for each pulse')
+
+
 FileName = Annotated[str, Field(min_length=1)]
 STRING_OR_ARRAY = WithJsonSchema({"type": ["string", "array"]})
 
@@ -131,18 +139,39 @@ class CameraTable(Table):
     sensor: SensorTable
 
 
+class TargetPlaneTable(Table):
+    """One of ``calibration.planes``: an image of the target, and the traverse's reading."""
+
+    image: FileName
+    z_mm: float
+
+
+class CalibrationTable(Table):
+    """``[calibration]``: images of a target of dots at known z. Read, and not used yet."""
+
+    target: Literal["dots"]
+    pitch_mm: PositiveFloat
+    dot_mm: PositiveFloat
+    origin_dot_mm: PositiveFloat | None = None
+    x_dot_mm: PositiveFloat | None = None
+    planes: Annotated[tuple[TargetPlaneTable, ...], Field(strict=False, min_length=2)]
+
+
 class RecordingTable(Table):
     """``[recording]``: image files, relative to the experiment file, and the time from one frame to the next.
 
     Either ``frames``, a sequence ``dt_s`` apart, or ``pairs`` of a double-frame camera, ``dt_s`` between the two
-    (``recording.pairs``). ``orientation`` has no default: a wrong one turns every velocity by 180 degrees without a
-    sign of it.
+    (``recording.pairs``). ``dark``: an image with the sensor covered; ``background``: one of the static light, or one
+    for each pulse (``recording.static_light``). ``orientation`` has no default: a wrong one turns every velocity by 180
+    degrees without a sign of it.
     """
 
     white: FileName | None = None
     frames: Annotated[str | tuple[str, ...], PlainValidator(_frames), STRING_OR_ARRAY] | None = None
     pairs: Annotated[str | tuple[tuple[str, str], ...], PlainValidator(_pairs), STRING_OR_ARRAY] | None = None
     stacked: Literal["top-first", "bottom-first"] | None = None
+    dark: FileName | None = None
+    background: Annotated[str | tuple[str, ...], PlainValidator(_background), STRING_OR_ARRAY] = "none"
     dt_s: PositiveFloat
     orientation: Literal["upright", "sensor"]
 

@@ -41,7 +41,7 @@ def mart(
     *,
     iterations: int,
     relaxation: float,
-    floor: float = 1.0,
+    floor: float | NDArray[np.float32] = 1.0,
     thin: float = 0.0,
     seed: int = 0,
     overwrite: bool = False,
@@ -49,8 +49,9 @@ def mart(
 ) -> tuple[SparseVolume, list[float]]:
     """The volume, among the voxels of ``volume``, whose views are ``values`` (view, pixel), in counts.
 
-    ``floor`` (counts, the dark noise) is added to measured and projected light, so that a pixel's noise does not empty
-    a voxel. Views are used in a new random order in each iteration, as neighbours are nearly redundant, and as many at
+    ``floor`` (counts, the dark noise; one number or (view, pixel)) is added to measured and projected light, so that a
+    pixel's noise does not empty a voxel. Views are used in a new random order in each iteration, as neighbours are
+    nearly redundant, and as many at
     once as their exponents allow, TOGETHER at most. The first iteration, which has to find where light is, takes twice
     the exponent ``relaxation``. Every few views voxels that hold no more than ``thin`` of the mean are left out: less
     of it during the first iteration, in proportion to the views already used, and none in the last of several, which
@@ -58,7 +59,8 @@ def mart(
     volume and, for each iteration, the RMS residual in counts, each view's before it was corrected.
     """
     seen = projection.seen
-    measured = np.maximum(values, 0.0) + np.float32(floor)
+    floors = np.asarray(floor, np.float32)
+    measured = np.maximum(values, 0.0) + floors
     rng = np.random.default_rng(seed)
     residuals = []
     working = volume if overwrite else keeping(volume, np.ones(volume.values.size, bool))
@@ -69,7 +71,7 @@ def mart(
         while used < order.size:
             views = order[used : used + together]
             light = np.maximum(projection.forward(views, working), 0.0)  # outer products may leave a little less
-            ratio = measured[views] / (light + np.float32(floor))
+            ratio = measured[views] / (light + (floors[views] if floors.ndim else floors))
             squares += float(np.sum(((values[views] - light) * seen[views]) ** 2, dtype=np.float64))
             projection.multiply(views, np.where(seen[views], ratio**power - 1.0, 0.0), working)
             before, used = used, used + views.size

@@ -6,7 +6,7 @@ digitisation, and the photons' shot noise.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,19 +15,32 @@ from plenopiv.lightfield import LightField
 
 NO_WHITE_IMAGE = 1.0  # counts per electron taken where nothing tells: more than cameras have at 12 bits
 INNER = 0.5  # of the aperture's radius: pixels of a white image that are lit alike
+QUANTUM = 12**-0.5  # counts: digitisation alone
 MAD_TO_STD = 1.4826  # of a normal distribution
 
 
 @dataclass(frozen=True)
 class Noise:
-    """``dark``: standard deviation of a pixel without light, counts. ``counts_per_electron``: of the shot noise."""
+    """``dark``: standard deviation of a pixel without light, counts. ``counts_per_electron``: of the shot noise.
+    ``background`` (view, pixel): counts of static light that were taken off, whose shot noise is still there."""
 
     dark: float
     counts_per_electron: float = NO_WHITE_IMAGE
+    background: NDArray[np.float32] | None = field(default=None, compare=False)
 
     def std(self, counts: NDArray[np.float32]) -> NDArray[np.float32]:
         """Standard deviation (counts) of pixels of ``counts`` above the black level."""
-        return np.sqrt(np.float32(self.counts_per_electron) * np.maximum(counts, 0) + np.float32(self.dark**2))
+        light = np.maximum(counts, 0)
+        if self.background is not None:
+            light = light + self.background
+        return np.sqrt(np.float32(self.counts_per_electron) * light + np.float32(self.dark**2))
+
+    def floor(self, least: float) -> float | NDArray[np.float32]:
+        """Standard deviation (counts) of pixels without particles, ``least`` at least: one number, or (view, pixel)
+        above static light."""
+        if self.background is None:
+            return max(self.dark, least)
+        return np.maximum(self.std(np.zeros((1, 1), np.float32)), np.float32(least))
 
 
 def dark_noise(lightfield: LightField) -> float:
@@ -39,6 +52,26 @@ def noise_below(values: NDArray[np.float32]) -> float:
     """The same of pixels ``values`` (n,) in counts above the black level."""
     below = values[values < 0]
     return float(np.sqrt(np.mean(below.astype(np.float64) ** 2))) if below.size else 0.0
+
+
+def noise_of(
+    values: NDArray[np.float32],
+    seen: NDArray[np.bool_],
+    counts_per_electron: float,
+    background: NDArray[np.float32] | None = None,
+) -> Noise:
+    """The noise of a camera's pixels ``values`` (view, pixel) where they are ``seen``; ``background`` as in ``Noise``.
+
+    Values below the black level scatter by the dark noise and by the shot noise of the static light that was taken off.
+    """
+    if background is None:
+        return Noise(noise_below(values[seen]), counts_per_electron)
+    dim = seen & (background <= np.median(background[seen]))
+    below = dim & (values < 0)
+    variance = noise_below(values[dim]) ** 2
+    if below.any():
+        variance -= counts_per_electron * float(np.mean(background[below]))
+    return Noise(max(variance, QUANTUM**2) ** 0.5, counts_per_electron, background)
 
 
 def counts_per_electron(white: LightField) -> float:

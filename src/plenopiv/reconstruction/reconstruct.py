@@ -17,7 +17,7 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.projection.protocol import Projection
 from plenopiv.reconstruction.candidates import find_candidates
 from plenopiv.reconstruction.mart import Progress, mart
-from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, Noise, noise_below
+from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, Noise, noise_of
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.reconstruction.tiles import Tile
 from plenopiv.volume import SparseVolume
@@ -49,22 +49,28 @@ def reconstruct(
     settings: ReconstructionSettings,
     *,
     counts_per_electron: float = NO_WHITE_IMAGE,
+    background: NDArray[np.float32] | None = None,
     tiles: Sequence[Tile] = (),
     name: str = "frame",
     progress: Progress | None = None,
 ) -> Reconstruction:
     """Reconstruct one frame ``values`` (view, pixel), in counts above the black level (``Projection.values_of``).
 
-    ``counts_per_electron``: of its shot noise (``noise.counts_per_electron``). ``tiles``: rows of voxels to be
+    ``counts_per_electron``: of its shot noise (``noise.counts_per_electron``). ``background`` (view, pixel): counts of
+    static light that were taken off, whose shot noise is left. ``tiles``: rows of voxels to be
     reconstructed one after the other (``tiles.cut``); none: the whole volume at once.
 
     Raises:
         PlenoPIVError: the frame ``name`` shows no particles, or none that all cameras see in the same place.
     """
     grid, rows = projection.grid, projection.grid.shape[1]
-    darks = [noise_below(own[one.seen]) for one, own in projection.each_camera(values)]
-    noises = [Noise(dark, counts_per_electron) for dark in darks]
-    noise = Noise(float(np.mean(darks)), counts_per_electron)
+    each = projection.each_camera(values)
+    behind = [None] * len(each) if background is None else [own for _, own in projection.each_camera(background)]
+    noises = [
+        noise_of(own, one.seen, counts_per_electron, static) for (one, own), static in zip(each, behind, strict=True)
+    ]
+    noise = Noise(float(np.mean([found.dark for found in noises])), counts_per_electron, background)
+    floor = noise.floor(SMALLEST_FLOOR)
     tiles = tiles or [Tile(0, rows, 0, rows)]
     parts, measured, listed = list[SparseVolume](), list[tuple[float, float]](), 0
     squares, equations = np.zeros(settings.iterations), 0
@@ -75,7 +81,7 @@ def reconstruct(
         if here := tile.listed(volume):
             of_all = None if progress is None else partial(_of_all, progress, number, len(tiles))
             times = len(noises) * rows / (tile.high - tile.low)
-            volume, residuals = _corrected(values, own, volume, settings, noise, times, of_all)
+            volume, residuals = _corrected(values, own, volume, settings, floor, times, of_all)
             count = int(np.count_nonzero(own.seen))
             squares, equations = squares + np.square(residuals) * count, equations + count
         parts.append(tile.own_rows(volume))
@@ -94,7 +100,7 @@ def _corrected(
     projection: Projection,
     volume: SparseVolume,
     settings: ReconstructionSettings,
-    noise: Noise,
+    floor: float | NDArray[np.float32],
     times: float,
     progress: Progress | None,
 ) -> tuple[SparseVolume, list[float]]:
@@ -110,7 +116,7 @@ def _corrected(
         volume,
         iterations=settings.iterations,
         relaxation=settings.relaxation,
-        floor=max(noise.dark, SMALLEST_FLOOR),
+        floor=floor,
         thin=0.0 if lines_of_sight else THIN,
         seed=settings.seed,
         overwrite=True,

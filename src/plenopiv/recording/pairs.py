@@ -21,10 +21,17 @@ def sequence(folder: Path, named: str | Sequence[str], leave_out: Sequence[Path]
     """The frames of a pattern, or of a list of files, in the order of time; a file of several pages holds as many.
 
     Raises:
-        PlenoPIVError: nothing matches, or a file cannot be used.
+        PlenoPIVError: nothing matches, a file cannot be used, or files hold different numbers of images.
     """
     paths = find_frames(folder, named, leave_out) if isinstance(named, str) else [folder / name for name in named]
-    return tuple(source for path in paths for source in sources_of(path))
+    files = [sources_of(path) for path in paths]
+    odd = [path for path, images in zip(paths, files, strict=True) if len(images) != len(files[0])]
+    if odd:
+        count = len(sources_of(odd[0]))
+        raise PlenoPIVError(
+            f"{odd[0]}: holds {count} images, {paths[0].name} {len(files[0])}; frames are one file each, or pages of one"
+        )
+    return tuple(source for images in files for source in images)
 
 
 def pairs(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.recording.sources import ImageSource, only_source
+from plenopiv.recording.static_light import StaticLight, static_light
 from plenopiv.sensor import Orientation, Sensor, upright
 
 SATURATED_SHARE = 1e-4  # above this a recording is warned about
@@ -21,7 +23,8 @@ class Recording:
     """Frames, the pairs that they make, and the white image that shows where the microlenses are.
 
     ``frames``: sources or plain paths. ``dt_s``: between the two frames of a pair. ``pairs``: (first, second) numbers
-    of frames; empty: a sequence, frames in the order of time and ``dt_s`` apart, each with the next.
+    of frames; empty: a sequence, frames in the order of time and ``dt_s`` apart, each with the next. ``dark_path``: an
+    image with the sensor covered. ``background_paths``: of the static light, one image, or one for each pulse.
 
     Raises:
         PlenoPIVError: fewer than two frames; the white image among them; or a file that is missing, empty, of an
@@ -35,6 +38,8 @@ class Recording:
     dt_s: float
     orientation: Orientation
     pairs: tuple[tuple[int, int], ...] = ()
+    dark_path: Path | None = None
+    background_paths: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         frames = tuple(f if isinstance(f, ImageSource) else only_source(f) for f in self.frames)
@@ -44,7 +49,8 @@ class Recording:
             raise PlenoPIVError(f"recording.frames: {len(frames)} frame ({names}); a velocity needs at least two")
         if self.white_path in [frame.path for frame in frames]:
             raise PlenoPIVError(f"{self.white_path}: is named both in recording.white and in recording.frames")
-        for source in (*frames, *([self._white] if self._white else [])):
+        others = [*([self.white_path] if self.white_path else []), *self.calibration_paths]
+        for source in (*frames, *map(only_source, others)):
             source.check(self.sensor)
         if not self.pairs:
             object.__setattr__(self, "pairs", tuple((k, k + 1) for k in range(len(frames) - 1)))
@@ -53,6 +59,43 @@ class Recording:
     def is_sequence(self) -> bool:
         """Whether each frame follows the one before it after ``dt_s``."""
         return self.pairs == tuple((k, k + 1) for k in range(len(self.frames) - 1))
+
+    @property
+    def calibration_paths(self) -> tuple[Path, ...]:
+        """The dark image and those of static light, where there are any."""
+        return (*([self.dark_path] if self.dark_path else []), *self.background_paths)
+
+    @cached_property
+    def static_light(self) -> StaticLight | None:
+        """What frames hold beside the light of particles; None where no dark or background image is named.
+
+        Raises:
+            PlenoPIVError: an image cannot be used.
+        """
+        if not self.calibration_paths:
+            return None
+        dark = None if self.dark_path is None else self._counts(only_source(self.dark_path))
+        pulses = [self._counts(only_source(path)) for path in self.background_paths]
+        return static_light(self.sensor, dark, (pulses[0], pulses[-1]) if pulses else None)
+
+    def light(self, k: int) -> tuple[NDArray, NDArray | None]:
+        """Frame ``k`` without dark counts and static light, upright counts above the sensor's one black level, and the
+        static light that was taken off; the frame as it is where there is neither.
+
+        Raises:
+            PlenoPIVError: as ``frame``.
+        """
+        counts, static = self.frame(k), self.static_light
+        return (counts, None) if static is None else static.removed(counts, self.pulse(k))
+
+    def mid_time_s(self, pair: int) -> float:
+        """Time of a pair's vectors: from the recording's first frame in a sequence; of pairs, whose distances in time
+        are not known, the pair's number in units of ``dt_s``, and half of it."""
+        return (pair + 0.5) * self.dt_s
+
+    def pulse(self, k: int) -> int:
+        """0 for the first pulse of a pair, 1 for the second; 0 for all frames of a sequence."""
+        return 0 if self.is_sequence else int(any(second == k for _, second in self.pairs))
 
     @property
     def names(self) -> list[str]:
@@ -79,7 +122,7 @@ class Recording:
         return None if self.white_path is None else only_source(self.white_path)
 
     def _image(self, source: ImageSource) -> NDArray[np.uint16]:
-        counts = source.counts(self.sensor)
+        counts = self._counts(source)
         share = np.count_nonzero(counts >= self.sensor.full_scale) / counts.size
         if share > SATURATED_SHARE:
             warnings.warn(
@@ -88,4 +131,7 @@ class Recording:
                 PlenoPIVWarning,
                 stacklevel=3,
             )
-        return np.ascontiguousarray(upright(counts, self.orientation))
+        return counts
+
+    def _counts(self, source: ImageSource) -> NDArray[np.uint16]:
+        return np.ascontiguousarray(upright(source.counts(self.sensor), self.orientation))

@@ -43,5 +43,7 @@ def calibrated_chain(experiment: Experiment, recording: Recording) -> tuple[Chai
     white = recording.white()
     gain = NO_WHITE_IMAGE if white is None else counts_per_electron(decode(white, layout(camera)))
     reconstruction, correlation = experiment.reconstruction.settings(), experiment.correlation.settings()
-    chain = Chain((camera,), experiment.grid(), reconstruction, correlation, gain)
+    static = recording.static_light
+    unusable = () if static is None else (static.unusable,)
+    chain = Chain((camera,), experiment.grid(), reconstruction, correlation, gain, unusable=unusable)
     return chain.prepared(), found

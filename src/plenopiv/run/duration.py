@@ -32,13 +32,14 @@ class TimeEstimate:
     pair: float
     start: float = START
 
-    def run(self, frames: int) -> float:
-        """Seconds of a run of so many frames."""
-        return self.start + frames * self.frame + (frames - 1) * self.pair
+    def run(self, frames: int, pairs: int | None = None) -> float:
+        """Seconds of a run of so many frames and pairs; each with the next where the number of pairs is left out."""
+        return self.start + frames * self.frame + (frames - 1 if pairs is None else pairs) * self.pair
 
-    def left(self, frames: int, took: float) -> float:
+    def left(self, frames: int, took: float, pairs: int | None = None) -> float:
         """Seconds left after the first of so many frames, which took ``took``."""
-        return took / self.frame * ((frames - 1) * (self.frame + self.pair))
+        rest = (frames - 1) * self.frame + (frames - 1 if pairs is None else pairs) * self.pair
+        return took / self.frame * rest
 
 
 def estimate(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.chain import Chain
@@ -22,11 +21,12 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame of a recording, reconstructed: its number from 0, its file's name and its upright image in counts."""
+    """A frame of a recording, reconstructed: its number from 0, its name, and its upright image in counts
+    without static light."""
 
     number: int
     name: str
-    image: NDArray[np.uint16]
+    image: NDArray
     found: Reconstruction
 
     def summary(self) -> dict[str, Any]:
@@ -48,17 +48,18 @@ def reconstructed(chain: Chain, recording: Recording, number: int, progress: Pro
     Raises:
         PlenoPIVError: its image cannot be used, or shows no particles.
     """
-    name = recording.names[number]
-    image = recording.frame(number)
-    found = chain.reconstruct([image], name, partial(progress, f"reconstruction of {name}"))
-    return Frame(number, name, image, found)
+    name, (light, static) = recording.names[number], recording.light(number)
+    behind = None if static is None else [static]
+    found = chain.reconstruct([light], name, partial(progress, f"reconstruction of {name}"), behind)
+    return Frame(number, name, light, found)
 
 
-def velocity_between(chain: Chain, before: Frame, after: Frame, dt_s: float, progress: Progress) -> xarray.Dataset:
-    """The velocity field from one frame to the next, ``dt_s`` later; time counts from the recording's first frame.
+def velocity_between(
+    chain: Chain, before: Frame, after: Frame, dt_s: float, time_s: float, progress: Progress
+) -> xarray.Dataset:
+    """The velocity field from one frame to another, ``dt_s`` later, at mid-time ``time_s``.
 
     Raises:
         PlenoPIVError: nothing is found.
     """
-    mid_time_s = (before.number + 0.5) * dt_s
-    return chain.velocity(before.found.volume, after.found.volume, dt_s, mid_time_s, progress)
+    return chain.velocity(before.found.volume, after.found.volume, dt_s, time_s, progress)

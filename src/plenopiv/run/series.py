@@ -67,20 +67,19 @@ def run(
             recording.frame(k)
         planned = plan(chain, memory_gb)
         log.info("memory: about %.2g GB", planned.needed.peak / 1e9)
-        log.info("time: about %s", duration.as_text(planned.takes.run(len(recording))))
+        log.info("time: about %s", duration.as_text(planned.takes.run(len(recording), len(recording.pairs))))
 
-        summaries, fields, first, before = {}, [], None, None
-        for frame in _frames(planned, recording, clock, report):
-            summaries[frame.name] = frame.summary()
-            if experiment.output.volumes:
-                with clock("report"):
-                    write_volume(out, frame)
-            if before is None:
-                first = FirstFrame.of(planned.chain, frame, clock)
-            else:
-                with clock("correlation"):
-                    fields.append(velocity_between(planned.chain, before, frame, recording.dt_s, report))
-            before = frame
+        summaries, fields, first = dict[str, Any](), list["xarray.Dataset"](), None
+        for before, after in _pairs(planned, recording, clock, report):
+            for frame in (before, after):
+                if frame.name not in summaries and experiment.output.volumes:
+                    with clock("report"):
+                        write_volume(out, frame)
+                summaries[frame.name] = frame.summary()
+            first = first or FirstFrame.of(planned.chain, before, clock)
+            with clock("correlation"):
+                time_s = recording.mid_time_s(len(fields))
+                fields.append(velocity_between(planned.chain, before, after, recording.dt_s, time_s, report))
         assert first is not None
         velocity = joined(fields, experiment)
         warned = [str(w.message) for w in caught]
@@ -89,12 +88,19 @@ def run(
     return RunResult(velocity, summary, experiment.output_directory)
 
 
-def _frames(planned: Plan, recording: Recording, clock: Clock, report: Progress) -> Iterator[Frame]:
-    """The frames in turn, reconstructed; after the first, what time is left."""
-    for k in range(len(recording)):
-        with clock("reconstruction"):
-            frame = reconstructed(planned.chain, recording, k, report)
-        if k == 0:
-            left = planned.takes.left(len(recording), clock.seconds["reconstruction"])
-            log.info("%s reconstructed; about %s left", frame.name, duration.as_text(left))
-        yield frame
+def _pairs(planned: Plan, recording: Recording, clock: Clock, report: Progress) -> Iterator[tuple[Frame, Frame]]:
+    """The pairs in turn, each frame reconstructed once; after the first frame, what time is left."""
+    last: Frame | None = None
+    for number, pair in enumerate(recording.pairs):
+        frames = list[Frame]()
+        for k in pair:
+            if last is not None and last.number == k:
+                frames.append(last)
+                continue
+            with clock("reconstruction"):
+                frames.append(reconstructed(planned.chain, recording, k, report))
+            if number == 0 and len(frames) == 1:
+                left = planned.takes.left(len(recording), clock.seconds["reconstruction"], len(recording.pairs))
+                log.info("%s reconstructed; about %s left", frames[0].name, duration.as_text(left))
+        before, last = frames
+        yield before, last

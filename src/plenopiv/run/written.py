@@ -85,7 +85,7 @@ def summary_of(
         "tiles": plan.tiles,
         "memory_estimate_gb": plan.needed.peak / 1e9,
         "warnings": list(warned),
-        "time_estimate_s": round(plan.takes.run(len(frames)), 1),
+        "time_estimate_s": round(plan.takes.run(len(frames), velocity.sizes["time"]), 1),
         "timings_s": clock.seconds,
         "peak_memory_gb": clock.peak_gb,
     }
