@@ -24,6 +24,9 @@ INDIRECT = {"h5netcdf", "h5py", "imagecodecs"}  # xarray's engine by name, what 
 COPYLEFT = {"pyfftw", "openpiv", "astra-toolbox", "pivpy", "pyqt5", "pyqt6"}
 
 
+READERS = ("lavision",)  # extras whose packages the program imports where a user asks for them
+
+
 def pins(*names):
     lines = [line for name in names for line in (ROOT / name).read_text().splitlines()]
     return [line for line in lines if line and not line.startswith("-r ")]
@@ -54,7 +57,8 @@ def test_lock_files_satisfy_the_project(lock, wanted):
 def test_dependencies_are_those_imported():
     graph = grimp.build_graph("plenopiv", include_external_packages=True, cache_dir=None)
     imported = {m for m in graph.modules if not m.startswith("plenopiv")} - set(sys.stdlib_module_names)
-    declared = {canonicalize_name(Requirement(text).name) for text in PROJECT["dependencies"]}
+    extras = [text for extra, texts in PROJECT["optional-dependencies"].items() if extra in READERS for text in texts]
+    declared = {canonicalize_name(Requirement(text).name) for text in PROJECT["dependencies"] + extras}
     assert {IMPORTED_AS.get(name, name) for name in declared - INDIRECT} == imported - INDIRECT
 
 

@@ -29,7 +29,7 @@ def sequence(folder: Path, named: str | Sequence[str], leave_out: Sequence[Path]
     if odd:
         count = len(sources_of(odd[0]))
         raise PlenoPIVError(
-            f"{odd[0]}: holds {count} images, {paths[0].name} {len(files[0])}; frames are one file each, or pages of one"
+            f"{odd[0]}: holds {count} images, {paths[0].name} {len(files[0])}; frames are a file each, or pages"
         )
     return tuple(source for images in files for source in images)
 

@@ -20,6 +20,7 @@ MAD_TO_STD = 1.4826  # of a normal distribution
 NEARLY_FULL = 0.95  # of the sensor's range that static light may fill
 BRIGHT = 0.2  # of the brightest static light: pixels that tell by how much a pulse was brighter
 FEWEST = 50  # of them
+CLEARLY = 4.0  # times the spread of particle light that their static light has
 SCALES = (0.5, 2.0)  # what pulses may differ by
 
 Image = NDArray[np.float32]
@@ -51,20 +52,24 @@ class StaticLight:
     def scale(self, counts: NDArray[np.uint16], pulse: int) -> float:
         """By how much a frame's pulse was brighter than the static light that was recorded of it.
 
-        Where static light is strong, particles add little: the median there of what the frame holds over it, less the
-        mean light of particles elsewhere. 1 where it is nowhere strong against that.
+        Particles add as much where static light is bright as elsewhere: what is left has the same median in both. 1
+        where static light is nowhere bright against that.
         """
         assert self.pulses is not None
         static = self.pulses[pulse]
         usable = ~self.unusable & (counts < self.sensor.full_scale)
-        light = counts - self.dark
         bright = usable & (static > BRIGHT * static[usable].max(initial=0.0))
-        elsewhere = usable & (static <= np.median(static[usable]))
-        particles = float(np.mean(light[elsewhere] - static[elsewhere])) if elsewhere.any() else 0.0
-        if np.count_nonzero(bright) < FEWEST or np.median(static[bright]) < 4.0 * max(particles, 1.0):
+        dim = usable & (static <= np.median(static[usable]))
+        if np.count_nonzero(bright) < FEWEST or not dim.any():
             return 1.0
-        ratio = (light[bright] - max(particles, 0.0)) / static[bright]
-        return float(np.clip(np.median(ratio), *SCALES))
+        light, scale = counts - self.dark, 1.0
+        for _ in range(3):
+            particles = float(np.median(light[dim] - scale * static[dim]))
+            spread = float(np.median(np.abs(light[dim] - scale * static[dim] - particles)))
+            if np.median(static[bright]) < CLEARLY * max(spread, 1.0):
+                return 1.0
+            scale = float(np.clip(np.median((light[bright] - particles) / static[bright]), *SCALES))
+        return scale
 
 
 def static_light(sensor: Sensor, dark: NDArray | None, pulses: tuple[NDArray, NDArray] | None) -> StaticLight:
