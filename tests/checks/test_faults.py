@@ -7,8 +7,11 @@ from recordings import camera, edited, looked_at, record, white_of, wrong
 
 from plenopiv.checks.fit import TURNS, finding, fit
 from plenopiv.checks.stamps import in_order, stamp
+from plenopiv.checks.static import common_light, of_files, pulses
 from plenopiv.checks.white import white_image
 from plenopiv.recording.sources import only_source
+from plenopiv.recording.static_light import static_light
+from plenopiv.sensor import Sensor
 
 
 def test_wrong_lattice_type(recorded):
@@ -209,3 +212,49 @@ def test_without_a_white_image(recording):
     assert wrong(found) == {}
     assert found.fit is None
     assert found.light.ppm == pytest.approx(1.0, rel=0.2)
+
+
+def static_scene(pairs, static, seed=0):
+    """First frames of pairs: particles at random, and the same static light in all; counts of a small sensor."""
+    rng = np.random.default_rng(seed)
+    frames = []
+    for _ in range(pairs):
+        light = np.where(rng.random(static.shape) < 0.3, rng.uniform(20, 200, static.shape), 0.0)
+        frames.append(np.rint(60 + light + static + rng.normal(0, 1.5, static.shape)).astype(np.uint16))
+    return frames
+
+
+def test_light_that_all_pairs_share_is_static():
+    sensor, nothing = Sensor(300, 280, 0.0055, 12, 60), np.zeros((280, 300))
+    reflection = nothing.copy()
+    reflection[100:120, 150:170] = 120.0
+    assert common_light(static_scene(8, nothing), sensor, 14.0) is None
+    assert common_light(static_scene(3, reflection), sensor, 14.0) is None  # too few to tell
+    found = common_light(static_scene(8, reflection), sensor, 14.0)
+    assert (found.name, found.severity) == ("static-light", "warning")
+    assert found.number == pytest.approx(120, abs=15)
+    assert "recording.background" in found.advice
+
+
+@pytest.mark.parametrize(
+    ("second", "name", "severity"),
+    [(100.0, "pulses", "good"), (70.0, "unequal-pulses", "good"), (40.0, "unequal-pulses", "warning"),
+     (250.0, "unequal-pulses", "warning")],
+)  # fmt: skip
+def test_pulses_of_unequal_light_are_named(second, name, severity):
+    found = pulses(100.0, second)
+    assert (found.name, found.severity) == (name, severity)
+    assert f"{second / 100:.2f} of the first" in found.words
+
+
+def test_what_dark_and_background_images_show_is_named():
+    sensor = Sensor(300, 280, 0.0055, 12, 60)
+    dark = np.full((280, 300), 60, np.uint16)
+    dark[3, 4] = 900
+    static = np.zeros((280, 300))
+    static[100:140, 150:190] = 200.0
+    first = (dark + static).astype(np.uint16)
+    second = (dark + 0.5 * static).astype(np.uint16)
+    hot, light = of_files(static_light(sensor, dark, (first, second)))
+    assert (hot.name, hot.number) == ("hot-pixels", 1.0)
+    assert "up to 200 counts of the first pulse and 100 of the second" in light.words

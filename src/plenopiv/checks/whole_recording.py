@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.checks import fit, light, motion, stamps, white
+from plenopiv.checks import fit, light, motion, stamps, static, white
 from plenopiv.checks.findings import Finding
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVWarning, printable
@@ -23,6 +23,7 @@ from plenopiv.sensor import middle, middle_of
 from plenopiv.volume import VoxelGrid
 
 MIDDLE_PX = 1600  # side of the sensor's middle, in which light, seeding and displacement are measured
+PAIRS = 8  # whose first frames are searched for common light
 FRAMES = 3  # first, second and last: the light of others is taken to be alike
 
 Progress = Callable[[str, int, int], None]
@@ -66,13 +67,17 @@ def check(
         PlenoPIVError: an image cannot be read.
     """
     report = progress or (lambda stage, done, total: None)
-    chosen = sorted({0, 1, len(recording) - 1})
+    chosen = sorted({*recording.pairs[0], recording.pairs[-1][1]})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlenoPIVWarning)  # saturation is a finding here
         frames = [recording.frame(k) for k in chosen]
         image = recording.white()
     names = [printable(recording.frames[k].name) for k in chosen]
     findings = _files(recording)
+    if recording.static_light is not None:
+        findings += static.of_files(recording.static_light)
+    else:
+        findings += _common_light(recording, camera)
     seen = CheckResult((), camera, names[0], frames[0], image)
     if image is not None:
         report("white image", 0, 1)
@@ -104,6 +109,20 @@ def _files(recording: Recording) -> list[Finding]:
     return out
 
 
+def _common_light(recording: Recording, camera: PlenopticCamera) -> list[Finding]:
+    """Light that the first frames of pairs share, in the sensor's middle; nothing in a sequence, where particles of
+    successive frames overlap."""
+    if recording.is_sequence:
+        return []
+    part, count = middle(recording.sensor, MIDDLE_PX, MIDDLE_PX), len(recording.pairs)
+    chosen = sorted({round(k) for k in np.linspace(0, count - 1, min(count, PAIRS))})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PlenoPIVWarning)
+        frames = [middle_of(recording.frame(recording.pairs[k][0]), part) for k in chosen]
+    found = static.common_light(frames, recording.sensor, camera.image_pitch_px)
+    return [] if found is None else [found]
+
+
 def _worst(findings: list[Finding]) -> list[Finding]:
     """Those of several frames that are not good, one for each name, or the first where all are."""
     bad = {finding.name: finding for finding in reversed(findings) if finding.severity != "good"}
@@ -128,7 +147,8 @@ def _light_and_motion(
     gain = NO_WHITE_IMAGE
     if seen.white is not None:
         gain = counts_per_electron(decode(middle_of(seen.white, part), where))
-    fields: list[LightField] = [decode(middle_of(frame, part), where) for frame in frames]
+    clean = [recording.light(k)[0] for k in recording.pairs[0]] if recording.static_light else frames
+    fields: list[LightField] = [decode(middle_of(frame, part), where) for frame in clean]
     lights = [light.light_of(field, projector, gain) for field in fields]
     out: list[Finding] = []
     each = [
@@ -137,6 +157,7 @@ def _light_and_motion(
     ]
     for of_frames in zip(*each, strict=True):
         out += _worst(list(of_frames))
+    out.append(static.pulses(*(max(lit.mean - lit.background, 0.0) for lit in lights[:2])))
     report("light", 1, 2)
     (lo, hi), last = grid.limits_mm()[2], correlation.windows[-1]
     x, y, z = (n * d for n, d in zip(last, grid.voxel_mm, strict=True))

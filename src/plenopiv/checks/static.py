@@ -1,0 +1,70 @@
+"""Light that does not come from particles, and pixels that do not follow it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.checks.findings import Finding
+from plenopiv.recording.static_light import StaticLight
+from plenopiv.sensor import Sensor
+
+STRONG = 0.1  # of full scale that static light may reach before it is worth a word
+UNEQUAL = 0.5  # of the other pulse's light below which a pulse is worth a warning
+NEARLY_EQUAL = 0.9
+TOP = 99.9  # per cent: the brightest pixels
+FEWEST_PAIRS = 4  # whose common light is static: particles of fewer may overlap by chance
+ABOVE_CHANCE = 3.0  # times what the same frames share when they are shifted against each other
+
+
+def of_files(found: StaticLight) -> list[Finding]:
+    """What the dark image and those of static light show."""
+    out = []
+    hot = int(np.count_nonzero(found.unusable))
+    words = f"{hot} pixels are hot, dead or saturated by static light; they are left out"
+    out.append(Finding("hot-pixels", "good", words, float(hot), "pixels"))
+    if found.pulses is not None:
+        most = [float(np.percentile(light[~found.unusable], TOP)) for light in found.pulses]
+        words = (
+            f"static light is taken off, up to {most[0]:.0f} counts of the first pulse and {most[1]:.0f} of the second"
+        )
+        out.append(Finding("static-light", "good", words, max(most), "counts"))
+    return out
+
+
+def common_light(frames: list[NDArray], sensor: Sensor, pitch_px: float) -> Finding | None:
+    """A finding where frames of different pairs, upright counts, share light that particles do not explain.
+
+    The least count of each pixel over all frames is compared with that of the same frames shifted against each other by
+    whole microlenses, in which static light no longer meets itself.
+    """
+    if len(frames) < FEWEST_PAIRS:
+        return None
+    step = round(pitch_px)
+    shifted = [np.roll(frame, (5 * k * step, 7 * k * step), (0, 1)) for k, frame in enumerate(frames)]
+    here, chance = (
+        float(np.percentile(np.minimum.reduce(stack), TOP)) - sensor.black_level for stack in (frames, shifted)
+    )
+    if here < ABOVE_CHANCE * max(chance, 1.0) + 5.0:
+        return None
+    return Finding(
+        "static-light",
+        "warning",
+        f"static light: the brightest pixels hold {here:.0f} counts in every one of {len(frames)} frames of different "
+        f"pairs, where particles would leave {max(chance, 0):.0f}",
+        here,
+        "counts",
+        "record each pulse without particles and name the images in recording.background; vectors near it are pulled "
+        "toward zero",
+    )
+
+
+def pulses(first: float, second: float) -> Finding:
+    """The light of particles in the second frame over that in the first, mean counts above the background."""
+    ratio = second / first if first > 0 else 0.0
+    words = f"the second pulse has {ratio:.2f} of the first one's light"
+    if min(ratio, 1 / max(ratio, 1e-6)) < UNEQUAL:
+        advice = "balance the pulses, or particles of the weaker one drown in the noise"
+        return Finding("unequal-pulses", "warning", words, ratio, "", advice)
+    name = "pulses" if min(ratio, 1 / max(ratio, 1e-6)) > NEARLY_EQUAL else "unequal-pulses"
+    return Finding(name, "good", words, ratio)
