@@ -257,4 +257,4 @@ def test_what_dark_and_background_images_show_is_named():
     second = (dark + 0.5 * static).astype(np.uint16)
     hot, light = of_files(static_light(sensor, dark, (first, second)))
     assert (hot.name, hot.number) == ("hot-pixels", 1.0)
-    assert "up to 200 counts of the first pulse and 100 of the second" in light.words
+    assert "up to 200 counts of the first pulse, 100 of the second" in light.words
