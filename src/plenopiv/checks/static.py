@@ -25,9 +25,7 @@ def of_files(found: StaticLight) -> list[Finding]:
     out.append(Finding("hot-pixels", "good", words, float(hot), "pixels"))
     if found.pulses is not None:
         most = [float(np.percentile(light[~found.unusable], TOP)) for light in found.pulses]
-        words = (
-            f"static light is taken off, up to {most[0]:.0f} counts of the first pulse, {most[1]:.0f} of the second"
-        )
+        words = f"static light is taken off, up to {most[0]:.0f} counts of the first pulse, {most[1]:.0f} of the second"
         out.append(Finding("static-light", "good", words, max(most), "counts"))
     return out
 
