@@ -92,7 +92,7 @@ def test_the_page_says_what_was_measured():
     for words in (
         f"Kolmogorov length: {resolved['mean_in_jet']:.2f} with",
         f"{resolved['half_of_it_above']:.2f} at the rate",
-        f"{resolved['largest']:.2f} at its most violent",
+        f"{resolved['largest']:.2f} at its maximum",
         f"{spacing['mean_in_jet']:.1f}, {spacing['half_of_it_above']:.1f}, {spacing['largest']:.1f}",
         f"t = {REPORT['t_D_U']:.0f} D/U",
         f"{REPORT['megabytes']:.1f} MB",

@@ -28,4 +28,4 @@ def test_reduced_study_writes_all_and_its_numbers_hold(tmp_path, capsys):
     inside = np.abs(np.array(found["z_mm"])) < 0.1
     assert weighted["focus"][inside].max() < 0.1 < weighted["focus"][~inside].max()
     assert all(0.2 < result["q"] < 1 for result in found["weights"].values())
-    assert "shipped" in capsys.readouterr().out
+    assert "less weight near focus (default)" in capsys.readouterr().out
