@@ -11,6 +11,12 @@ class PlenoPIVWarning(UserWarning):
     """The run goes on, but the user should know; repeated in ``summary.json`` and the report."""
 
 
+def brief(error: Exception) -> str:
+    """What a library raised, on one line of at most 100 characters."""
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return text if len(text) <= 100 else f"{text[:97]}..."
+
+
 def printable(text: str) -> str:
     """Text on one line as a terminal and a figure may show it: escape codes, line ends and bytes of no encoding, which
     a file's name or tags may hold, become "?"."""

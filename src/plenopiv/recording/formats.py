@@ -1,13 +1,13 @@
 """Images in other files than TIFF: PNG, NumPy, HDF5, and LaVision's through the optional ``lvpyio``.
 
-A file is told by its first bytes where it has such, by its ending otherwise. Arrays of three dimensions are stacks of
-images (image, row, column).
+A format is told by the ending of the file's name. Arrays of three dimensions are stacks of images (image, row, column).
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from math import prod
 from pathlib import Path
 from typing import Any, Protocol
@@ -15,12 +15,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, brief
+from plenopiv.recording.tiff import Header
 
 SEPARATOR = "::"  # between an HDF5 file and its data set
 LARGEST = 1 << 32  # bytes of an image: more is a damaged header
-
-Header = tuple[tuple[int, int], int]  # (columns, rows), bits per pixel
 
 
 class Reader(Protocol):
@@ -59,13 +58,12 @@ def checked(array_shape: tuple[int, ...], dtype: np.dtype, path: Path) -> None:
         raise PlenoPIVError(f"{path}: holds images of {array_shape[-1]} x {array_shape[-2]} pixels: is it damaged?")
 
 
-class Arrays:
+class Arrays(ABC):
     """Formats that hold one array: what they have in common."""
 
-    @contextmanager
-    def array(self, path: Path, dataset: str) -> Iterator[Any]:
+    @abstractmethod
+    def array(self, path: Path, dataset: str) -> AbstractContextManager[Any]:
         """Something with ``shape``, ``dtype`` and slices."""
-        raise NotImplementedError
 
     def images(self, path: Path, dataset: str) -> int:
         """See ``Reader``."""
@@ -94,10 +92,9 @@ class NumPyFile(Arrays):
         """See ``Arrays``."""
         try:
             found = np.load(path, mmap_mode="r", allow_pickle=False)
-            shape = found.shape
+            _ = found.shape  # an archive has none
         except (ValueError, OSError, EOFError, SyntaxError, AttributeError) as error:
-            raise PlenoPIVError(f"{path}: is no whole NumPy file ({_brief(error)})") from None
-        del shape
+            raise PlenoPIVError(f"{path}: is no whole NumPy file ({brief(error)})") from None
         yield found
 
 
@@ -112,7 +109,7 @@ class HDF5File(Arrays):
         try:
             file = h5py.File(path, "r")
         except OSError as error:
-            raise PlenoPIVError(f"{path}: is no whole HDF5 file ({_brief(error)})") from None
+            raise PlenoPIVError(f"{path}: is no whole HDF5 file ({brief(error)})") from None
         with file:
             found = file.get(dataset) if dataset else None
             if not isinstance(found, h5py.Dataset):
@@ -124,7 +121,7 @@ class HDF5File(Arrays):
             try:
                 yield found
             except (OSError, RuntimeError) as error:
-                raise PlenoPIVError(f"{path}: data set {dataset} cannot be read ({_brief(error)})") from None
+                raise PlenoPIVError(f"{path}: data set {dataset} cannot be read ({brief(error)})") from None
 
 
 class PNGFile:
@@ -158,7 +155,7 @@ class PNGFile:
         try:
             counts = imagecodecs.png_decode(path.read_bytes())
         except Exception as error:
-            raise PlenoPIVError(f"{path}: its pixels do not decode, the file is damaged ({_brief(error)})") from None
+            raise PlenoPIVError(f"{path}: its pixels do not decode, the file is damaged ({brief(error)})") from None
         if counts.shape != (rows, columns):
             raise PlenoPIVError(f"{path}: its pixels are not those of its header; the file is damaged")
         return counts
@@ -178,7 +175,7 @@ class LaVisionFile:
             buffer = lvpyio.read_buffer(str(path))
             return [np.asarray(np.ma.getdata(frame.as_masked_array())) for frame in buffer]
         except Exception as error:
-            raise PlenoPIVError(f"{path}: cannot be read by lvpyio ({_brief(error)})") from None
+            raise PlenoPIVError(f"{path}: cannot be read by lvpyio ({brief(error)})") from None
 
     def images(self, path: Path, dataset: str) -> int:
         """See ``Reader``."""
@@ -207,8 +204,3 @@ READERS: dict[str, Reader] = {
     ".hdf5": _HDF5,
     ".im7": LaVisionFile(),
 }
-
-
-def _brief(error: Exception) -> str:
-    text = " ".join(f"{type(error).__name__}: {error}".split())
-    return text if len(text) <= 100 else f"{text[:97]}..."

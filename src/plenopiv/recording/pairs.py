@@ -25,12 +25,11 @@ def sequence(folder: Path, named: str | Sequence[str], leave_out: Sequence[Path]
     """
     paths = find_frames(folder, named, leave_out) if isinstance(named, str) else [folder / name for name in named]
     files = [sources_of(path) for path in paths]
-    odd = [path for path, images in zip(paths, files, strict=True) if len(images) != len(files[0])]
-    if odd:
-        count = len(sources_of(odd[0]))
-        raise PlenoPIVError(
-            f"{odd[0]}: holds {count} images, {paths[0].name} {len(files[0])}; frames are a file each, or pages"
-        )
+    for path, images in zip(paths, files, strict=True):
+        if len(images) != len(files[0]):
+            raise PlenoPIVError(
+                f"{path}: holds {len(images)} images, {paths[0].name} {len(files[0])}; frames are a file each, or pages"
+            )
     return tuple(source for images in files for source in images)
 
 

@@ -49,8 +49,8 @@ class Recording:
             raise PlenoPIVError(f"recording.frames: {len(frames)} frame ({names}); a velocity needs at least two")
         if self.white_path in [frame.path for frame in frames]:
             raise PlenoPIVError(f"{self.white_path}: is named both in recording.white and in recording.frames")
-        others = [*([self.white_path] if self.white_path else []), *self.calibration_paths]
-        for source in (*frames, *map(only_source, others)):
+        others = [*([self.white_source] if self.white_source else []), *map(only_source, self.calibration_paths)]
+        for source in (*frames, *others):
             source.check(self.sensor)
         if not self.pairs:
             object.__setattr__(self, "pairs", tuple((k, k + 1) for k in range(len(frames) - 1)))
@@ -115,10 +115,11 @@ class Recording:
 
     def white(self) -> NDArray[np.uint16] | None:
         """The white image, like ``frame``; None where the recording has none."""
-        return None if self._white is None else self._image(self._white)
+        return None if self.white_source is None else self._image(self.white_source)
 
-    @property
-    def _white(self) -> ImageSource | None:
+    @cached_property
+    def white_source(self) -> ImageSource | None:
+        """Where the white image is; None where the recording has none."""
         return None if self.white_path is None else only_source(self.white_path)
 
     def _image(self, source: ImageSource) -> NDArray[np.uint16]:

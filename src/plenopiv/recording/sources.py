@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -55,26 +56,12 @@ class ImageSource:
         Raises:
             PlenoPIVError: see ``sources_of``; in colour, not 8- or 16-bit counts, or truncated.
         """
-        (columns, rows), _ = self._header()
-        self._check_whole()
+        (columns, rows), _ = self._header(None)
         return columns, rows // 2 if self.half else rows
 
     def check(self, sensor: Sensor) -> None:
         """Raise PlenoPIVError, from the header alone, where the image is not one of this sensor."""
-        (columns, rows), bits = self._header()
-        wanted = (sensor.columns, sensor.rows * (2 if self.half else 1))
-        if (columns, rows) != wanted:
-            double = " (both pulses stacked)" if self.half else ""
-            raise PlenoPIVError(
-                f"{self}: is {columns} x {rows} pixels (columns x rows), but camera.sensor says "
-                f"{sensor.columns} x {sensor.rows}{double}"
-            )
-        if bits <= 8 < sensor.bit_depth:
-            raise PlenoPIVError(
-                f"{self}: holds {bits} bits per pixel, but camera.sensor.bit_depth is {sensor.bit_depth}"
-                f"; save the raw counts, or set bit_depth = {bits} and its black_level"
-            )
-        self._check_whole()
+        self._header(sensor)
 
     def counts(self, sensor: Sensor | None = None) -> NDArray[np.uint16]:
         """Counts, (rows, columns), in the file's orientation. Without a sensor size and depth are not compared.
@@ -82,10 +69,12 @@ class ImageSource:
         Raises:
             PlenoPIVError: as ``check``; the pixels do not decode, exceed the bit depth, or are all equal.
         """
-        if sensor is not None:
-            self.check(sensor)
-        reader = formats.reader_of(self.path)
-        counts = reader.counts(self.path, self.page, self.dataset) if reader else tiff.counts(self.path, self.page)
+        reader, fits = formats.reader_of(self.path), partial(self._compare, sensor)
+        if reader is None:
+            counts = tiff.counts(self.path, self.page, fits)
+        else:
+            fits(reader.header(self.path, self.page, self.dataset))
+            counts = reader.counts(self.path, self.page, self.dataset)
         if self.half:
             middle = counts.shape[0] // 2
             counts = counts[:middle] if self.half == "top" else counts[middle:]
@@ -103,13 +92,31 @@ class ImageSource:
         """
         return {} if formats.reader_of(self.path) else tiff.tiff_tags(self.path, self.page)
 
-    def _check_whole(self) -> None:
-        if formats.reader_of(self.path) is None:
-            tiff.check_whole(self.path, self.page)
+    def _header(self, sensor: Sensor | None) -> tiff.Header:
+        """What the file's header says, compared with a sensor."""
+        reader, fits = formats.reader_of(self.path), partial(self._compare, sensor)
+        if reader is None:
+            return tiff.header(self.path, self.page, fits)
+        header = reader.header(self.path, self.page, self.dataset)
+        fits(header)
+        return header
 
-    def _header(self) -> tuple[tuple[int, int], int]:
-        reader = formats.reader_of(self.path)
-        return reader.header(self.path, self.page, self.dataset) if reader else tiff.header(self.path, self.page)
+    def _compare(self, sensor: Sensor | None, header: tiff.Header) -> None:
+        """Raise PlenoPIVError where a header is not that of an image of the sensor."""
+        if sensor is None:
+            return
+        (columns, rows), bits = header
+        if (columns, rows) != (sensor.columns, sensor.rows * (2 if self.half else 1)):
+            double = " (both pulses stacked)" if self.half else ""
+            raise PlenoPIVError(
+                f"{self}: is {columns} x {rows} pixels (columns x rows), but camera.sensor says "
+                f"{sensor.columns} x {sensor.rows}{double}"
+            )
+        if bits <= 8 < sensor.bit_depth:
+            raise PlenoPIVError(
+                f"{self}: holds {bits} bits per pixel, but camera.sensor.bit_depth is {sensor.bit_depth}"
+                f"; save the raw counts, or set bit_depth = {bits} and its black_level"
+            )
 
 
 def _aligned(counts: NDArray, sensor: Sensor | None, name: str) -> NDArray:

@@ -7,7 +7,7 @@ picture with zeros in it: TIFF readers fill what is missing.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, brief
 
 if TYPE_CHECKING:
     import tifffile
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 EXIF = 34665
 BULKY_TAGS = {273, 279, 324, 325, EXIF}  # where the pixels lie
 SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+Header = tuple[tuple[int, int], int]  # (columns, rows), bits per pixel
+Fits = Callable[[Header], None]  # raises PlenoPIVError where an image is not one of the sensor
 MOST_PAGES = 100_000  # of a file: more are a damaged header
 
 
@@ -36,34 +38,27 @@ def pages(path: Path) -> int:
         return len(tif.pages)
 
 
-def header(path: Path, page: int) -> tuple[tuple[int, int], int]:
-    """(columns, rows) of a page, and its bits per pixel.
+def header(path: Path, page: int, fits: Fits) -> Header:
+    """(columns, rows) of a page, and its bits per pixel; ``fits`` is asked about them before where the pixels are.
 
     Raises:
-        PlenoPIVError: in colour, no 8- or 16-bit counts, or there is no such page.
+        PlenoPIVError: in colour, no 8- or 16-bit counts, truncated, there is no such page, or what ``fits`` raises.
     """
-    with _page(path, page) as found:
-        return (int(found.imagewidth), int(found.imagelength)), int(found.bitspersample)
+    with _page(path, page, fits) as found:
+        return _header(found)
 
 
-def check_whole(path: Path, page: int) -> None:
-    """Raise PlenoPIVError unless all pixels of a page are in the file."""
-    with _page(path, page) as found:
-        _whole(path, found)
-
-
-def counts(path: Path, page: int) -> NDArray:
+def counts(path: Path, page: int, fits: Fits) -> NDArray:
     """Counts of a page as stored, (rows, columns).
 
     Raises:
-        PlenoPIVError: as ``header``; truncated, or the pixels do not decode.
+        PlenoPIVError: as ``header``, or the pixels do not decode.
     """
-    with _page(path, page) as found:
-        _whole(path, found)
+    with _page(path, page, fits) as found:
         try:
             return found.asarray()
         except Exception as error:  # every codec fails in its own way
-            raise PlenoPIVError(f"{path}: its pixels do not decode, the file is damaged ({_brief(error)})") from None
+            raise PlenoPIVError(f"{path}: its pixels do not decode, the file is damaged ({brief(error)})") from None
 
 
 def tiff_tags(path: Path, page: int = 0) -> dict[int, object]:
@@ -72,7 +67,7 @@ def tiff_tags(path: Path, page: int = 0) -> dict[int, object]:
     Raises:
         PlenoPIVError: as ``header``.
     """
-    with _page(path, page) as found:
+    with _page(path, page, lambda header: None) as found:
         tags = {tag.code: tag.value for tag in found.tags if tag.code not in BULKY_TAGS}
         names = _exif_codes()
         for name, value in (found.tags.valueof(EXIF, {}) or {}).items():
@@ -100,7 +95,7 @@ def _file(path: Path) -> Iterator[tifffile.TiffFile]:
             count = len(tif.pages)
         except Exception as error:
             raise PlenoPIVError(
-                f"{path}: its TIFF header cannot be read, the file is damaged ({_brief(error)})"
+                f"{path}: its TIFF header cannot be read, the file is damaged ({brief(error)})"
             ) from None
         with tif:
             if not 0 < count <= MOST_PAGES:
@@ -111,8 +106,8 @@ def _file(path: Path) -> Iterator[tifffile.TiffFile]:
 
 
 @contextmanager
-def _page(path: Path, number: int) -> Iterator[tifffile.TiffPage]:
-    """A page whose header is that of raw monochrome counts, all of it in the file."""
+def _page(path: Path, number: int, fits: Fits) -> Iterator[tifffile.TiffPage]:
+    """A page whose header is that of raw monochrome counts and ``fits``, all of it in the file."""
     with _file(path) as tif:
         if number >= len(tif.pages):
             raise PlenoPIVError(f"{path}: holds {len(tif.pages)} images, there is no page {number + 1}")
@@ -120,7 +115,7 @@ def _page(path: Path, number: int) -> Iterator[tifffile.TiffPage]:
             page = cast("tifffile.TiffPage", tif.pages[number])
         except Exception as error:
             raise PlenoPIVError(
-                f"{path}: the header of page {number + 1} cannot be read, the file is damaged ({_brief(error)})"
+                f"{path}: the header of page {number + 1} cannot be read, the file is damaged ({brief(error)})"
             ) from None
         photometric = getattr(page.photometric, "name", str(page.photometric))
         if page.samplesperpixel != 1 or photometric not in ("MINISBLACK", "MINISWHITE"):
@@ -134,7 +129,13 @@ def _page(path: Path, number: int) -> Iterator[tifffile.TiffPage]:
             raise PlenoPIVError(f"{path}: is a volume of {page.imagedepth} slices (image depth), not an image")
         if page.dtype not in (np.uint8, np.uint16):
             raise PlenoPIVError(f"{path}: holds {page.dtype} values; raw images hold 8- or 16-bit unsigned counts")
+        fits(_header(page))
+        _whole(path, page)
         yield page
+
+
+def _header(page: tifffile.TiffPage) -> Header:
+    return (int(page.imagewidth), int(page.imagelength)), int(page.bitspersample)
 
 
 def _whole(path: Path, page: tifffile.TiffPage) -> None:
@@ -152,8 +153,3 @@ def _whole(path: Path, page: tifffile.TiffPage) -> None:
     wanted = page.imagewidth * page.imagelength * page.bitspersample // 8
     if page.compression == 1 and sum(counts) < wanted:
         raise PlenoPIVError(f"{path}: holds {sum(counts)} bytes of pixels, wanted {wanted}; the file is incomplete")
-
-
-def _brief(error: Exception) -> str:
-    text = " ".join(f"{type(error).__name__}: {error}".split())
-    return text if len(text) <= 100 else f"{text[:97]}..."
