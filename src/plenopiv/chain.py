@@ -10,7 +10,7 @@ change from frame to frame; it pickles, and gives the same bits on the other sid
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -22,10 +22,11 @@ from plenopiv.cameras.pinhole import PinholeCamera
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.pose import FRONT, Pose
 from plenopiv.displacement.field import DisplacementField
+from plenopiv.displacement.multigrid import Progress as CorrelationProgress
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError
-from plenopiv.lightfield import layout
+from plenopiv.lightfield import Layout, layout
 from plenopiv.projection.pinhole.projector import PinholeProjector
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.projection.protocol import Projection
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
 
 Camera = PlenopticCamera | PinholeCamera
 DEFAULT_RECONSTRUCTION, DEFAULT_CORRELATION = ReconstructionSettings(), CorrelationSettings()
-CorrelationProgress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -72,16 +72,18 @@ class Chain:
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def with_tiles(self, tiles: Sequence[Tile]) -> Chain:
-        """The same, the volume reconstructed in ``tiles``; the projection is kept if it was made."""
-        other = replace(self, tiles=tuple(tiles))
+        """The same, the volume reconstructed in ``tiles``."""
+        return self._with_projection_of(replace(self, tiles=tuple(tiles)))
+
+    def with_noise(self, counts_per_electron: float) -> Chain:
+        """The same for pixels of another shot noise."""
+        return self._with_projection_of(replace(self, counts_per_electron=counts_per_electron))
+
+    def _with_projection_of(self, other: Chain) -> Chain:
+        """A chain of the same cameras and grid with this one's projection, if it was made."""
         if "projection" in self.__dict__:
             other.__dict__["projection"] = self.projection
         return other
-
-    def prepared(self) -> Chain:
-        """Itself, with its projection made now instead of on first use."""
-        _ = self.projection
-        return self
 
     @property
     def camera(self) -> PlenopticCamera:
@@ -94,6 +96,18 @@ class Chain:
         if len(self.cameras) > 1 or not isinstance(camera, PlenopticCamera):
             raise PlenoPIVError(f"cameras: {len(self.cameras)} given; this takes one plenoptic camera")
         return camera
+
+    @property
+    def layout(self) -> Layout:
+        """Of the one plenoptic camera: which pixel is which view's of which microlens.
+
+        Raises:
+            PlenoPIVError: there are others.
+        """
+        projection = self.projection
+        if not isinstance(projection, PlenopticProjector):
+            raise PlenoPIVError(f"cameras: {len(self.cameras)} given; this takes one plenoptic camera")
+        return projection.layout
 
     @cached_property
     def projection(self) -> Projection:
@@ -112,15 +126,12 @@ class Chain:
                 f"cameras: {len(plenoptic)} plenoptic with {len(self.poses)} poses and {len(pinholes)} pinhole; give "
                 "plenoptic cameras with a pose each, or pinhole cameras alone"
             )
-        weights = self.reconstruction.weights
+        weights, masks = self.reconstruction.weights, self.unusable or (None,) * len(plenoptic)
         projectors = [
             PlenopticProjector(layout(camera, masked), pose.grid(self.grid), weights)
-            for camera, pose, masked in zip(plenoptic, self.poses, self._masks(), strict=True)
+            for camera, pose, masked in zip(plenoptic, self.poses, masks, strict=True)
         ]
         return projectors[0] if self.poses == (FRONT,) else SeveralCameras(self.grid, projectors, self.poses)
-
-    def _masks(self) -> tuple[NDArray[np.bool_] | None, ...]:
-        return self.unusable or (None,) * len(self.cameras)
 
     @property
     def plane_weights(self) -> NDArray[np.float32] | None:

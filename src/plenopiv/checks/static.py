@@ -9,7 +9,6 @@ from plenopiv.checks.findings import Finding
 from plenopiv.recording.static_light import StaticLight
 from plenopiv.sensor import Sensor
 
-STRONG = 0.1  # of full scale that static light may reach before it is worth a word
 UNEQUAL = 0.5  # of the other pulse's light below which a pulse is worth a warning
 NEARLY_EQUAL = 0.9
 TOP = 99.9  # per cent: the brightest pixels
@@ -60,9 +59,10 @@ def common_light(frames: list[NDArray], sensor: Sensor, pitch_px: float) -> Find
 def pulses(first: float, second: float) -> Finding:
     """The light of particles in the second frame over that in the first, mean counts above the background."""
     ratio = second / first if first > 0 else 0.0
+    weaker = min(ratio, 1 / max(ratio, 1e-6))  # pulse, over the other
     words = f"the second pulse has {ratio:.2f} of the first one's light"
-    if min(ratio, 1 / max(ratio, 1e-6)) < UNEQUAL:
+    if weaker < UNEQUAL:
         advice = "balance the pulses, or particles of the weaker one drown in the noise"
         return Finding("unequal-pulses", "warning", words, ratio, "", advice)
-    name = "pulses" if min(ratio, 1 / max(ratio, 1e-6)) > NEARLY_EQUAL else "unequal-pulses"
+    name = "pulses" if weaker > NEARLY_EQUAL else "unequal-pulses"
     return Finding(name, "good", words, ratio)

@@ -18,13 +18,11 @@ from plenopiv.lightfield import LightField, decode, layout
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
-from plenopiv.recording.sources import only_source
 from plenopiv.sensor import middle, middle_of
 from plenopiv.volume import VoxelGrid
 
 MIDDLE_PX = 1600  # side of the sensor's middle, in which light, seeding and displacement are measured
 PAIRS = 8  # whose first frames are searched for common light
-FRAMES = 3  # first, second and last: the light of others is taken to be alike
 
 Progress = Callable[[str, int, int], None]
 
@@ -102,9 +100,9 @@ def _files(recording: Recording) -> list[Finding]:
     """Findings on times and cameras in the files' tags."""
     marks = [(printable(frame.name), stamps.stamp(frame)) for frame in recording.frames]
     out = [stamps.in_order(marks, recording.dt_s)]
-    if recording.white_path is not None:
-        white = printable(recording.white_path.name)
-        other = stamps.same_camera(marks[0], (white, stamps.stamp(only_source(recording.white_path))))
+    if recording.white_source is not None:
+        white = recording.white_source
+        other = stamps.same_camera(marks[0], (printable(white.name), stamps.stamp(white)))
         out += [other] if other else []
     return out
 
@@ -138,7 +136,7 @@ def _light_and_motion(
     correlation: CorrelationSettings,
     report: Progress,
 ) -> tuple[list[Finding], light.Light, motion.Motion | None]:
-    """Exposure, background, seeding and displacement, in the sensor's middle."""
+    """Exposure, background, seeding and displacement, in the sensor's middle; ``frames``: those of the first pair."""
     report("light", 0, 2)
     part = middle(recording.sensor, MIDDLE_PX, MIDDLE_PX)
     camera = replace(seen.camera, sensor=part)
@@ -147,7 +145,11 @@ def _light_and_motion(
     gain = NO_WHITE_IMAGE
     if seen.white is not None:
         gain = counts_per_electron(decode(middle_of(seen.white, part), where))
-    clean = [recording.light(k)[0] for k in recording.pairs[0]] if recording.static_light else frames
+    clean: list[NDArray] = list(frames)
+    taken = recording.static_light
+    if taken is not None:
+        frames_of_pair = zip(recording.pairs[0], frames, strict=True)
+        clean = [taken.removed(frame, recording.pulse(k))[0] for k, frame in frames_of_pair]
     fields: list[LightField] = [decode(middle_of(frame, part), where) for frame in clean]
     lights = [light.light_of(field, projector, gain) for field in fields]
     out: list[Finding] = []

@@ -8,8 +8,8 @@ from plenopiv.calibration import find_lattice
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.chain import Chain
 from plenopiv.experiment import Experiment
-from plenopiv.lightfield import decode, layout
-from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
+from plenopiv.lightfield import decode
+from plenopiv.reconstruction.noise import counts_per_electron
 from plenopiv.recording import Recording
 
 
@@ -40,10 +40,9 @@ def calibrated_chain(experiment: Experiment, recording: Recording) -> tuple[Chai
         PlenoPIVError: as ``calibrated_camera``.
     """
     camera, found = calibrated_camera(experiment, recording)
-    white = recording.white()
-    gain = NO_WHITE_IMAGE if white is None else counts_per_electron(decode(white, layout(camera)))
     reconstruction, correlation = experiment.reconstruction.settings(), experiment.correlation.settings()
     static = recording.static_light
     unusable = () if static is None else (static.unusable,)
-    chain = Chain((camera,), experiment.grid(), reconstruction, correlation, gain, unusable=unusable)
-    return chain.prepared(), found
+    chain = Chain((camera,), experiment.grid(), reconstruction, correlation, unusable=unusable)
+    where, white = chain.layout, recording.white()  # the projection is made now, the layout once
+    return (chain if white is None else chain.with_noise(counts_per_electron(decode(white, where)))), found

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from plenopiv.experiment import Experiment
 from plenopiv.io.netcdf import write_velocity
 from plenopiv.io.output import OutputFolder
 from plenopiv.io.vtkhdf import write_volume_vtkhdf
-from plenopiv.lightfield import decode, layout
+from plenopiv.lightfield import decode
 from plenopiv.report import light_field_stacks, projections, raw_crops, volume_stack, write_report
 from plenopiv.run.log import Clock
 from plenopiv.run.pair import Frame
@@ -42,14 +41,14 @@ class FirstFrame:
         camera, volume = chain.camera, frame.found.volume
         crops, views = raw_crops(frame.image, camera, frame.name), projections(volume)
         with clock("report"):
-            light_field = decode(frame.image, layout(camera))
+            light_field = decode(frame.image, chain.layout)
             stacks = [volume_stack(volume), *light_field_stacks(light_field, chain.grid.limits_mm()[2])]
         return cls(crops, views, stacks)
 
 
 def write_volume(out: OutputFolder, frame: Frame) -> None:
     """The volume of a frame, for ParaView."""
-    write_volume_vtkhdf(out.path(f"volume-{Path(frame.name).stem}.vtkhdf"), frame.found.volume)
+    write_volume_vtkhdf(out.path(f"volume-{frame.source.stem}.vtkhdf"), frame.found.volume)
 
 
 def joined(fields: Sequence[xarray.Dataset], experiment: Experiment) -> xarray.Dataset:
