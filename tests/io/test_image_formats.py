@@ -198,3 +198,14 @@ def test_the_second_pulse_of_a_pair_is_known(tmp_path):
     recording = Recording(SENSOR, frames, None, 1e-3, "upright", of_pairs)
     assert not recording.is_sequence
     assert [recording.pulse(k) for k in range(4)] == [0, 1, 0, 1]
+
+
+def test_images_of_one_file_have_stems_of_their_own(tmp_path, counts):
+    """Volumes and pictures are written under them: pages of one file must not replace each other."""
+    tifffile.imwrite(tmp_path / "film.tif", np.stack([counts, counts + 1]), photometric="minisblack")
+    tifffile.imwrite(tmp_path / "tall.tif", np.concatenate([counts, counts]))
+    touched(tmp_path, "frame.tif")
+    halves = only_source(tmp_path / "tall.tif").halves("top-first")
+    found = [source.stem for source in (*sources_of(tmp_path / "film.tif"), *halves)]
+    assert found == ["film-1", "film-2", "tall-top", "tall-bottom"]
+    assert only_source(tmp_path / "frame.tif").stem == "frame"

@@ -62,8 +62,10 @@ class Progress:
                 print(f"plenopiv: {stage}: {took:.1f} s", file=sys.stderr, flush=True)
         elif now - self._shown.setdefault(stage, now) >= LINE_S:
             self._shown[stage] = now
+            from plenopiv.run.duration import as_text  # here: the command line alone loads nothing of it
+
             left = left_s(done, total, took)
-            ahead = "" if left is None else f", about {duration_text(left)} left"
+            ahead = "" if left is None else f", about {as_text(left)} left"
             print(f"plenopiv: {stage}: {100 * done / total:.0f} %{ahead}", file=sys.stderr, flush=True)
 
     def _event(self, stage: str, done: int, total: int, now: float, took: float) -> None:
@@ -100,10 +102,3 @@ class Progress:
 def left_s(done: int, total: int, took: float) -> float | None:
     """Seconds until a stage ends if it goes on as it did; None before anything is done."""
     return took * (total - done) / done if done > 0 else None
-
-
-def duration_text(seconds: float) -> str:
-    """A time with its unit, to two digits or so."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

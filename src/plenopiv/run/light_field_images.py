@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.lightfield import LightField, decode, layout
-from plenopiv.recording import Recording
+from plenopiv.recording import ImageSource, Recording
 from plenopiv.refocusing import image_axes, refocused, sub_aperture
 from plenopiv.run.calibrated import calibrated_camera
 from plenopiv.run.pair import Progress
@@ -33,8 +33,8 @@ class Views:
     y_mm: NDArray[np.float64]
 
 
-def light_field(experiment: Experiment, frame: str | None) -> tuple[LightField, str]:
-    """The light field of a frame, by its file's name or its number from 1, and the name; the first by default.
+def light_field(experiment: Experiment, frame: str | None) -> tuple[LightField, ImageSource]:
+    """The light field of a frame, by its name or its number from 1, and where it came from; the first by default.
 
     Raises:
         PlenoPIVError: there is no such frame, an image cannot be used, or no lattice is found.
@@ -42,7 +42,7 @@ def light_field(experiment: Experiment, frame: str | None) -> tuple[LightField, 
     recording = experiment.recording()
     k = number_of(recording, frame)
     camera, _ = calibrated_camera(experiment, recording)
-    return decode(recording.frame(k), layout(camera)), recording.names[k]
+    return decode(recording.frame(k), layout(camera)), recording.frames[k]
 
 
 def number_of(recording: Recording, frame: str | None) -> int:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from plenopiv.chain import Chain
 from plenopiv.reconstruction.reconstruct import Reconstruction
-from plenopiv.recording import Recording
+from plenopiv.recording import ImageSource, Recording
 
 if TYPE_CHECKING:
     import xarray
@@ -21,13 +21,18 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame of a recording, reconstructed: its number from 0, its name, and its upright image in counts
+    """A frame of a recording, reconstructed: its number from 0, where it came from, and its upright image in counts
     without static light."""
 
     number: int
-    name: str
+    source: ImageSource
     image: NDArray
     found: Reconstruction
+
+    @property
+    def name(self) -> str:
+        """As messages and ``summary.json`` have it."""
+        return self.source.name
 
     def summary(self) -> dict[str, Any]:
         """Its entry in ``summary.json``."""
@@ -48,10 +53,10 @@ def reconstructed(chain: Chain, recording: Recording, number: int, progress: Pro
     Raises:
         PlenoPIVError: its image cannot be used, or shows no particles.
     """
-    name, (light, static) = recording.names[number], recording.light(number)
+    source, (light, static) = recording.frames[number], recording.light(number)
     behind = None if static is None else [static]
-    found = chain.reconstruct([light], name, partial(progress, f"reconstruction of {name}"), behind)
-    return Frame(number, name, light, found)
+    found = chain.reconstruct([light], source.name, partial(progress, f"reconstruction of {source.name}"), behind)
+    return Frame(number, source, light, found)
 
 
 def velocity_between(

@@ -80,6 +80,7 @@ def run(
             with clock("correlation"):
                 time_s = recording.mid_time_s(len(fields))
                 fields.append(velocity_between(planned.chain, before, after, recording.dt_s, time_s, report))
+            del before, after, frame  # their volumes are not held while the next one is made
         assert first is not None
         velocity = joined(fields, experiment)
         warned = [str(w.message) for w in caught]
@@ -90,17 +91,15 @@ def run(
 
 def _pairs(planned: Plan, recording: Recording, clock: Clock, report: Progress) -> Iterator[tuple[Frame, Frame]]:
     """The pairs in turn, each frame reconstructed once; after the first frame, what time is left."""
-    last: Frame | None = None
-    for number, pair in enumerate(recording.pairs):
-        frames = list[Frame]()
+    held: dict[int, Frame] = {}
+    for pair in recording.pairs:
+        held = {k: frame for k, frame in held.items() if k in pair}
         for k in pair:
-            if last is not None and last.number == k:
-                frames.append(last)
+            if k in held:
                 continue
             with clock("reconstruction"):
-                frames.append(reconstructed(planned.chain, recording, k, report))
-            if number == 0 and len(frames) == 1:
+                held[k] = reconstructed(planned.chain, recording, k, report)
+            if k == recording.pairs[0][0]:
                 left = planned.takes.left(len(recording), clock.seconds["reconstruction"], len(recording.pairs))
-                log.info("%s reconstructed; about %s left", frames[0].name, duration.as_text(left))
-        before, last = frames
-        yield before, last
+                log.info("%s reconstructed; about %s left", held[k].name, duration.as_text(left))
+        yield held[pair[0]], held[pair[1]]
