@@ -164,6 +164,12 @@ class SparseVolume:
         """Share of the grid's voxels that the list holds."""
         return self.column.size / self.grid.size
 
+    def row_chunks(self, count: int) -> NDArray[np.int64]:
+        """Bounds (count + 1,) of ``count`` runs of rows with about as many listed voxels each."""
+        bounds = np.searchsorted(self.row_start, np.linspace(0, self.column.size, count + 1))
+        bounds[0], bounds[-1] = 0, self.row_start.size - 1
+        return bounds.astype(np.int64)
+
     def with_values(self, values: NDArray[np.float32]) -> SparseVolume:
         """The same voxels with other intensities."""
         return SparseVolume(self.grid, self.row_start, self.column, values)

@@ -74,15 +74,15 @@ def find_candidates(
         threshold = lit_above(values, noises[0]) if settings.threshold is None else settings.threshold
         return Candidates(projection.candidates(values, threshold), threshold, 0.0)
     limits = np.full(values.shape, np.inf, np.float32)
-    lights, thresholds, particles = list[float](), list[float](), list[float]()
+    rules = list[list[float]]()
     each = zip(projection.each_camera(values), projection.each_camera(limits), noises, strict=True)
     for number, ((projector, own), (_, most), noise) in enumerate(each, 1):
         if not isinstance(projector, PlenopticProjector):
             raise PlenoPIVError(f'reconstruction.method: "{settings.method}" is for plenoptic cameras; use "mlos-mart"')
         label = name if len(noises) == 1 else f"{name}, camera {number}"
         most[:], *rule = light_rule(LightField(projector.layout, own), projector, settings, noise, label)
-        for values_of_all, value in zip((lights, thresholds, particles), rule, strict=True):
-            values_of_all.append(value)
+        rules.append(rule)
+    lights, thresholds, particles = zip(*rules, strict=True)
     volume = projection.visible_voxels() if settings.method == "mart" else projection.candidates(limits, lights)
     return Candidates(volume, float(np.mean(thresholds)), float(np.mean(particles)))
 

@@ -87,7 +87,7 @@ class PinholeProjector:
     def forward(self, views: ArrayLike, volume: SparseVolume) -> NDArray[np.float32]:
         """The volume's light in one camera, (pixel,), or in several, (camera, pixel)."""
         images = np.zeros((np.size(views), max(self.pixels)), np.float32)
-        chunks = self._row_chunks(volume)
+        chunks = volume.row_chunks(CHUNKS)
         for view, image in zip(np.atleast_1d(views), images, strict=True):
             partial = np.empty((CHUNKS, self.pixels[view]), np.float32)
             listed = chunks, volume.row_start, volume.column, volume.values
@@ -113,7 +113,7 @@ class PinholeProjector:
 
     def _back(self, view: int, image: NDArray, volume: SparseVolume, multiply: bool, out: NDArray[np.float32]) -> None:
         """``kernels.gather`` of the image of one camera."""
-        listed = self._row_chunks(volume), volume.row_start, volume.column
+        listed = volume.row_chunks(CHUNKS), volume.row_start, volume.column
         about = self._constants[view], self.grid.shape[1], *listed, image.astype(np.float32), multiply, out
         in_threads(kernels.gather, CHUNKS, *about)
 
@@ -189,12 +189,6 @@ class PinholeProjector:
             row_px = float(np.hypot(*(camera.project(centre + step) - camera.project(centre))))
             widths.append((max(cam.half_column, cam.half_row) + 0.5) / row_px)
         return max(widths)
-
-    def _row_chunks(self, volume: SparseVolume) -> NDArray[np.int64]:
-        """Bounds of CHUNKS runs of rows with about as many listed voxels each."""
-        bounds = np.searchsorted(volume.row_start, np.linspace(0, volume.column.size, CHUNKS + 1))
-        bounds[0], bounds[-1] = 0, volume.row_start.size - 1
-        return bounds.astype(np.int64)
 
 
 def pinhole_constants(camera: PinholeCamera, grid: VoxelGrid) -> PinholeConstants:

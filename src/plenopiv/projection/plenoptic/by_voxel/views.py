@@ -51,12 +51,6 @@ class ViewsByVoxel:
         """Multiply the voxels by ``factor_of`` what ``gather`` gives of ``corrections``."""
         correct(volume, self.gather(views, corrections, volume), views.size)
 
-    def _row_chunks(self, volume: SparseVolume, count: int) -> NDArray[np.int64]:
-        """Bounds of ``count`` runs of rows with about as many listed voxels each."""
-        bounds = np.searchsorted(volume.row_start, np.linspace(0, volume.column.size, count + 1))
-        bounds[0], bounds[-1] = 0, volume.row_start.size - 1
-        return bounds.astype(np.int64)
-
     def _project(
         self,
         view: np.int64,
@@ -70,5 +64,5 @@ class ViewsByVoxel:
         m, n = self.layout.offsets[view].astype(np.float32)
         constants = self.camera.cam, self._box, self.layout.clock, self.camera.planes, self.camera.grid.shape[1]
         pixels = self.rule, bool(self.camera.rim[view]), m, n, self.layout.fill[view]
-        listed = self._row_chunks(volume, chunks), volume.row_start, volume.column, volume.values
+        listed = volume.row_chunks(chunks), volume.row_start, volume.column, volume.values
         in_threads(project, chunks, *constants, *pixels, *listed, image, partial, out, scatter)
