@@ -124,6 +124,7 @@ def contents(root):
     return {name: (root / name).read_bytes() for name in tracked(root)}
 
 
+@pytest.mark.full
 def test_each_outcome(project, tmp_path):
     """Caught by a test, by the clock, and not at all; the project stays as it is, and so does the copy in the end."""
     before, plan = contents(project), Plan(project, count=100)

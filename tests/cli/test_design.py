@@ -52,6 +52,7 @@ def test_design_writes_text_figure_and_json(tmp_path, capsys):
     assert (out / "design.txt").read_text() in text
 
 
+@pytest.mark.full
 def test_design_simulates_a_twin_of_each_density(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("plenopiv.design.sheet.twin", partial(twin, vectors=60))  # a fifth of what a user gets
     sheet = written(tmp_path / "optics.json", sensor__columns=900, sensor__rows=900)

@@ -26,6 +26,7 @@ def recording(tmp_path_factory):
     return make(tmp_path_factory.mktemp("hostile") / "recording")
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:Glyph")
 def test_names_tags_and_comments_of_a_whole_run_stay_text(recording, tmp_path, monkeypatch):
     result = plenopiv.process(plenopiv.load(recording))

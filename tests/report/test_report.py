@@ -90,6 +90,7 @@ def test_a_field_of_one_vector_still_gets_its_report(tmp_path, experiment):
     assert len(page.all("img")) == 5
 
 
+@pytest.mark.full
 def test_a_report_of_a_large_run_stays_small(tmp_path, experiment):
     """A field of 800 thousand vectors and pictures of noise alone, which compress worst: less than 15 MB."""
     pictures = everything(experiment)

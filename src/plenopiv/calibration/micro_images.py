@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +68,7 @@ def inside(shape: tuple[int, int], positions: NDArray[np.complex128], half_windo
     )
 
 
+@lru_cache(maxsize=1)
 def _table(disc: Disc) -> NDArray[np.float64]:
     """T, T_s, T_t, T_R, T_b of pixels centred at multiples of 1/PHASES px: (5, t, s), the micro-image in the middle."""
     from scipy.special import erfc

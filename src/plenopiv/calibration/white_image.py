@@ -27,6 +27,8 @@ from plenopiv.lattice import Lattice, LatticeKind
 PITCH_TOLERANCE = 0.03  # stated against found
 REGIONS = 4  # the residual map has REGIONS x REGIONS blocks
 STAGES = (24.0, 120.0, 1e6)  # radii in pitches out to which centres are measured
+MOST_FITS = 8  # of each stage
+CONVERGED_PX = 1e-3  # by which the farthest centre, radius and blur still change
 SAMPLE = 3000  # micro-images of each fit but the last, which takes all
 IRREGULAR_PX = 0.1  # a region's mean residual that is worth a warning
 
@@ -53,15 +55,24 @@ def find_lattice(white: NDArray, camera: PlenopticCamera, name: str = "white ima
             f"{name}: only {len(numbers)} whole micro-images fit on the sensor: too few to find the lattice; "
             "check camera.sensor and camera.microlens_array.pitch_mm"
         )
-    disc = find_disc(image, offset + pitch * numbers[:: max(1, len(numbers) // 200)], kind, pitch)
+    disc = find_disc(image, offset + pitch * numbers[:: max(1, len(numbers) // 64)], kind, pitch)
+    count = 0
     for reach in STAGES:
         numbers = _numbers(image, kind, pitch, offset, reach)
-        numbers = numbers[:: max(1, len(numbers) // SAMPLE)]
-        for _ in range(4):
+        if len(numbers) == count:  # the sensor ends here: all have been fitted
+            break
+        count = len(numbers)
+        numbers = numbers[:: max(1, count // SAMPLE)]
+        far = float(np.abs(numbers).max())
+        for _ in range(MOST_FITS):
+            before, shape = pitch, disc
             measured = measure(image, offset + pitch * numbers, disc)
             good = _sound(measured, offset + pitch * numbers, image, name)
             pitch, offset = _similarity(numbers[good], measured.position[good])
             disc = refine_disc(image, offset + pitch * numbers[good], replace(disc, pitch=pitch))
+            moved = (far * abs(pitch - before), disc.radius_px - shape.radius_px, disc.blur_px - shape.blur_px)
+            if max(np.abs(moved)) < CONVERGED_PX:
+                break
     numbers = _numbers(image, kind, pitch, offset, STAGES[-1])
     predicted = offset + pitch * numbers
     shift = measure(image, predicted, disc).position - predicted
