@@ -186,6 +186,7 @@ class Experiment(Table):
         white = None if table.white is None else folder / table.white
         dark = None if table.dark is None else folder / table.dark
         background = tuple(folder / name for name in table.background if not isinstance(table.background, str))
+        of_frames = table.background == "minimum"
         others = [path for path in (white, dark, *background) if path is not None]
         if table.pairs is None:
             assert table.frames is not None
@@ -193,7 +194,7 @@ class Experiment(Table):
         else:
             frames, pairs = pairs_of(folder, table.pairs, table.stacked, others)
         sensor, dt_s, orientation = self.camera().sensor, table.dt_s, table.orientation
-        return Recording(sensor, frames, white, dt_s, orientation, pairs, dark, background)
+        return Recording(sensor, frames, white, dt_s, orientation, pairs, dark, background, of_frames)
 
     def warnings(self) -> list[str]:
         """Warnings before a run, one line each; none of them stops the run."""

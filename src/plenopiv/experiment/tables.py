@@ -48,11 +48,18 @@ def _pairs(value: Any) -> str | tuple[tuple[str, str], ...]:
 
 
 def _background(value: Any) -> str | tuple[str, ...]:
+    if value in ("mean", "median"):
+        raise ValueError(
+            f'"{value}" would take light of particles off with the static light; use "minimum", or images of '
+            "static light"
+        )
     if isinstance(value, str) and value:
-        return value if value == "none" else (value,)
+        return value if value in ("none", "minimum") else (value,)
     if isinstance(value, list | tuple) and len(value) in (1, 2) and all(isinstance(n, str) and n for n in value):
         return tuple(value)
-    raise ValueError('must be "none", an image of the static light, or a list of two, one for each pulse')
+    raise ValueError(
+        'must be "none", "minimum" (of the frames themselves), an image of the static light, or two, one for each pulse'
+    )
 
 
 FileName = Annotated[str, Field(min_length=1)]
@@ -161,9 +168,9 @@ class RecordingTable(Table):
     """``[recording]``: image files, relative to the experiment file, and the time from one frame to the next.
 
     Either ``frames``, a sequence ``dt_s`` apart, or ``pairs`` of a double-frame camera, ``dt_s`` between the two
-    (``recording.pairs``). ``dark``: an image with the sensor covered; ``background``: one of the static light, or one
-    for each pulse (``recording.static_light``). ``orientation`` has no default: a wrong one turns every velocity by 180
-    degrees without a sign of it.
+    (``recording.pairs``). ``dark``: an image with the sensor covered. ``background``: an image of the static light, or
+    one for each pulse (``recording.static_light``), or "minimum" of the frames themselves (``recording.background``).
+    ``orientation`` has no default: a wrong one turns every velocity by 180 degrees without a sign of it.
     """
 
     white: FileName | None = None

@@ -165,7 +165,7 @@ def typical_particle(lightfield: LightField, projector: PlenopticProjector, nois
     saturation = where.camera.sensor.full_scale - where.camera.sensor.black_level
     total, squares, _ = projector.weight_sums().T
     light = projector.light_of_planes().astype(np.float64)
-    step_sums, mean_sums, count = 0.0, 0.0, 0
+    step_sums, mean_sums, static_sums, count = 0.0, 0.0, 0.0, 0
     for view in projector.whole_views:
         values = lightfield.values[view].reshape(where.nj, where.ni)
         inside = projector.rays_inside_grid(int(view)).reshape(where.nj, where.ni)
@@ -175,10 +175,13 @@ def typical_particle(lightfield: LightField, projector: PlenopticProjector, nois
         step_sums += float(np.sum((a - b) ** 2))
         mean_sums += float(np.sum(a + b))
         count += a.size
+        if noise.background is not None:
+            behind = noise.background[view].reshape(where.nj, where.ni)
+            static_sums += float(np.sum(np.maximum(behind[:, STEP:][both], 0.0), dtype=np.float64))
     if not count or mean_sums <= 0:
         return 0.0
     mean = 0.5 * mean_sums / count
-    variance = 0.5 * step_sums / count - noise.dark**2 - noise.counts_per_electron * mean
+    variance = 0.5 * step_sums / count - noise.dark**2 - noise.counts_per_electron * (mean + static_sums / count)
     typical = variance / mean * (light @ total) / (light**2 @ squares)
     return max(float(typical), 0.0)
 

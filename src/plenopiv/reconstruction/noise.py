@@ -36,11 +36,10 @@ class Noise:
         return np.sqrt(np.float32(self.counts_per_electron) * light + np.float32(self.dark**2))
 
     def floor(self, least: float) -> float | NDArray[np.float32]:
-        """Standard deviation (counts) of pixels without particles, ``least`` at least: one number, or (view, pixel)
-        above static light."""
-        if self.background is None:
-            return max(self.dark, least)
-        return np.maximum(self.std(np.zeros((1, 1), np.float32)), np.float32(least))
+        """Counts that MART adds to measured and projected light: the dark noise, ``least`` at least, and the static
+        light that was taken off, with which both are what the pixel collected; one number, or (view, pixel)."""
+        dark = max(self.dark, least)
+        return dark if self.background is None else np.maximum(self.background, 0.0) + np.float32(dark)
 
 
 def dark_noise(lightfield: LightField) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -25,6 +25,7 @@ class Recording:
     ``frames``: sources or plain paths. ``dt_s``: between the two frames of a pair. ``pairs``: (first, second) numbers
     of frames; empty: a sequence, frames in the order of time and ``dt_s`` apart, each with the next. ``dark_path``: an
     image with the sensor covered. ``background_paths``: of the static light, one image, or one for each pulse.
+    ``background_of_frames``: static light is to be estimated from the frames (``with_static_light``).
 
     Raises:
         PlenoPIVError: fewer than two frames; the white image among them; or a file that is missing, empty, of an
@@ -40,6 +41,7 @@ class Recording:
     pairs: tuple[tuple[int, int], ...] = ()
     dark_path: Path | None = None
     background_paths: tuple[Path, ...] = ()
+    background_of_frames: bool = False
 
     def __post_init__(self) -> None:
         frames = tuple(f if isinstance(f, ImageSource) else only_source(f) for f in self.frames)
@@ -67,7 +69,8 @@ class Recording:
 
     @cached_property
     def static_light(self) -> StaticLight | None:
-        """What frames hold beside the light of particles; None where no dark or background image is named.
+        """What frames hold beside the light of particles; None where no dark or background image is named. Without
+        what is to be estimated from the frames.
 
         Raises:
             PlenoPIVError: an image cannot be used.
@@ -77,6 +80,28 @@ class Recording:
         dark = None if self.dark_path is None else self._counts(only_source(self.dark_path))
         pulses = [self._counts(only_source(path)) for path in self.background_paths]
         return static_light(self.sensor, dark, (pulses[0], pulses[-1]) if pulses else None)
+
+    def dark_level(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Counts of each pixel without light, and which pixels a dark image shows to be hot or dead.
+
+        Raises:
+            PlenoPIVError: the dark image cannot be used.
+        """
+        dark = None if self.dark_path is None else self._counts(only_source(self.dark_path))
+        found = static_light(self.sensor, dark, None)
+        return found.dark, found.unusable
+
+    def with_static_light(self, found: StaticLight) -> Recording:
+        """The same, ``found`` taken off each frame."""
+        other = replace(self, background_of_frames=False)
+        other.__dict__["static_light"] = found
+        return other
+
+    def frames_of_pulses(self) -> list[list[int]]:
+        """Numbers of the frames of the first pulse, and of the second; all in one list for a sequence."""
+        if self.is_sequence:
+            return [list(range(len(self)))]
+        return [sorted({pair[pulse] for pair in self.pairs}) for pulse in (0, 1)]
 
     def light(self, k: int) -> tuple[NDArray, NDArray | None]:
         """Frame ``k`` without dark counts and static light, upright counts above the sensor's one black level, and the
@@ -94,8 +119,9 @@ class Recording:
         return (pair + 0.5) * self.dt_s
 
     def pulse(self, k: int) -> int:
-        """0 for the first pulse of a pair, 1 for the second; 0 for all frames of a sequence."""
-        return 0 if self.is_sequence else int(any(second == k for _, second in self.pairs))
+        """0 for the first pulse of a pair, 1 for the second; 0 for all frames of a sequence of more than two."""
+        lone = self.is_sequence and len(self) > 2
+        return 0 if lone else int(any(second == k for _, second in self.pairs))
 
     @property
     def names(self) -> list[str]:

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.recording.pixel_light import peak, pixel_light
 from plenopiv.sensor import Sensor
 
 HOT = 8.0  # robust standard deviations of the dark image that a pixel stands out
 HOT_COUNTS = 6.0  # and so many counts
 MAD_TO_STD = 1.4826  # of a normal distribution
 NEARLY_FULL = 0.95  # of the sensor's range that static light may fill
-BRIGHT = 0.2  # of the brightest static light: pixels that tell by how much a pulse was brighter
-FEWEST = 50  # of them
-CLEARLY = 4.0  # times the spread of particle light that their static light has
-SCALES = (0.5, 2.0)  # what pulses may differ by
+SAMPLE = 300_000  # pixels that tell by how much a pulse was brighter
+DIM = 25.0  # per cent of them, those with the least static light, show noise and particles alone
+CERTAIN = 0.02  # standard error of a scale that is used
 
 Image = NDArray[np.float32]
 
@@ -30,12 +30,13 @@ Image = NDArray[np.float32]
 class StaticLight:
     """Upright images (rows, columns). ``dark``: counts of a pixel without light. ``pulses``: static light of the first
     and of the second pulse, counts above ``dark``; None where the recording names none. ``unusable``: pixels that give
-    no equation."""
+    no equation. ``counts_per_electron``: of the shot noise; at first more than cameras have."""
 
     sensor: Sensor
     dark: Image
     pulses: tuple[Image, Image] | None
     unusable: NDArray[np.bool_]
+    counts_per_electron: float = 1.0
 
     def removed(self, counts: NDArray[np.uint16], pulse: int) -> tuple[Image, Image | None]:
         """A frame's counts without them, above the sensor's black level as if it were one for all pixels; and the
@@ -52,24 +53,23 @@ class StaticLight:
     def scale(self, counts: NDArray[np.uint16], pulse: int) -> float:
         """By how much a frame's pulse was brighter than the static light that was recorded of it.
 
-        Particles add as much where static light is bright as elsewhere: what is left has the same median in both. 1
-        where static light is nowhere bright against that.
+        From the pixels that no particle lights: about the right scale their counts are densest. 1 where static light is
+        nowhere bright against noise, everywhere bright, or particles light every pixel.
         """
         assert self.pulses is not None
-        static = self.pulses[pulse]
-        usable = ~self.unusable & (counts < self.sensor.full_scale)
-        bright = usable & (static > BRIGHT * static[usable].max(initial=0.0))
-        dim = usable & (static <= np.median(static[usable]))
-        if np.count_nonzero(bright) < FEWEST or not dim.any():
+        usable = np.flatnonzero(~self.unusable & (counts < self.sensor.full_scale))
+        usable = usable[:: max(1, len(usable) // SAMPLE)]
+        static = self.pulses[pulse].ravel()[usable]
+        light = counts.ravel()[usable] - self.dark.ravel()[usable]
+        dim = static <= np.percentile(static, DIM)
+        alone = light[dim] - static[dim]
+        alone = alone - np.float32(peak(alone))
+        seen = pixel_light(alone, self.counts_per_electron, float(static.max(initial=0.0)))
+        if np.std(static[dim]) > seen.noise:
             return 1.0
-        light, scale = counts - self.dark, 1.0
-        for _ in range(3):
-            particles = float(np.median(light[dim] - scale * static[dim]))
-            spread = float(np.median(np.abs(light[dim] - scale * static[dim] - particles)))
-            if np.median(static[bright]) < CLEARLY * max(spread, 1.0):
-                return 1.0
-            scale = float(np.clip(np.median((light[bright] - particles) / static[bright]), *SCALES))
-        return scale
+        level = seen.level(np.sqrt(np.maximum(self.counts_per_electron * static, 0.0) + np.float32(seen.noise**2)))
+        scale, error = seen.brightness(light, static, level)
+        return scale if error < CERTAIN else 1.0
 
 
 def static_light(sensor: Sensor, dark: NDArray | None, pulses: tuple[NDArray, NDArray] | None) -> StaticLight:

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
+
+import numpy as np
 
 from plenopiv.calibration import find_lattice
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.chain import Chain
 from plenopiv.experiment import Experiment
-from plenopiv.lightfield import decode
-from plenopiv.reconstruction.noise import counts_per_electron
+from plenopiv.lightfield import decode, layout
+from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
+from plenopiv.recording.background import static_light_of_frames
+from plenopiv.sensor import middle, middle_of
+
+MIDDLE_PX = 1600  # side of the sensor's middle, in which shot noise is measured at first
+LIT = 0.5  # of the white image's bright pixels: pixels under microlenses
+
+Progress = Callable[[int, int], None]
 
 
 def calibrated_camera(experiment: Experiment, recording: Recording) -> tuple[PlenopticCamera, dict[str, Any]]:
@@ -33,16 +44,48 @@ def calibrated_camera(experiment: Experiment, recording: Recording) -> tuple[Ple
     }
 
 
-def calibrated_chain(experiment: Experiment, recording: Recording) -> tuple[Chain, dict[str, Any]]:
-    """The chain of an experiment, shot noise measured on the white image, and what was found in calibration.
+def calibrated_chain(
+    experiment: Experiment, recording: Recording, progress: Progress | None = None
+) -> tuple[Chain, Recording, dict[str, Any]]:
+    """The chain of an experiment, shot noise measured on the white image; the recording, with its static light where
+    that was to be estimated from the frames; and what was found in calibration.
 
     Raises:
-        PlenoPIVError: as ``calibrated_camera``.
+        PlenoPIVError: as ``calibrated_camera``; static light cannot be estimated.
     """
     camera, found = calibrated_camera(experiment, recording)
+    if recording.background_of_frames:
+        recording, found["static_light"] = with_static_light(recording, camera, progress)
     reconstruction, correlation = experiment.reconstruction.settings(), experiment.correlation.settings()
     static = recording.static_light
     unusable = () if static is None else (static.unusable,)
     chain = Chain((camera,), experiment.grid(), reconstruction, correlation, unusable=unusable)
     where, white = chain.layout, recording.white()  # the projection is made now, the layout once
-    return (chain if white is None else chain.with_noise(counts_per_electron(decode(white, where)))), found
+    return (chain if white is None else chain.with_noise(counts_per_electron(decode(white, where)))), recording, found
+
+
+def with_static_light(
+    recording: Recording, camera: PlenopticCamera, progress: Progress | None = None
+) -> tuple[Recording, dict[str, Any]]:
+    """The recording with static light estimated from its frames, and how well; ``camera`` with its lattice.
+
+    Raises:
+        PlenoPIVError: too few frames for their seeding, or one cannot be used.
+    """
+    sensor, white = recording.sensor, recording.white()
+    dark, hot = recording.dark_level()
+    gain, lit = NO_WHITE_IMAGE, np.ones(dark.shape, bool)
+    if white is not None:
+        part = middle(sensor, MIDDLE_PX, MIDDLE_PX)
+        gain = counts_per_electron(decode(middle_of(white, part), layout(replace(camera, sensor=part))))
+        lit = white - dark > LIT * np.percentile(white - dark, 90)
+    found, estimates = static_light_of_frames(
+        recording.frame, recording.frames_of_pulses(), sensor, dark, gain, hot, lit, progress
+    )
+    stated = {
+        "frames": estimates[0].frames,
+        "error_counts": estimates[0].error_counts,
+        "particle_light_left_counts": estimates[0].left_counts,
+        "particle_light_counts": estimates[0].particles_counts,
+    }
+    return recording.with_static_light(found), stated

@@ -9,6 +9,7 @@ import logging
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,9 +63,18 @@ def run(
             warnings.warn(line, PlenoPIVWarning, stacklevel=2)
         recording = experiment.recording()
         with clock("calibration"):
-            chain, calibration = calibrated_chain(experiment, recording)
+            chain, recording, calibration = calibrated_chain(
+                experiment, recording, partial(report, "static light of the frames")
+            )
         for k in range(2):  # before long work begins; later frames when their turn comes
             recording.frame(k)
+        if stated := calibration.get("static_light"):
+            log.info(
+                "static light: estimated from %d frames, to %.1f counts (RMS); it holds %.2f of the %.0f counts that "
+                "particles give a pixel on the mean",
+                *(stated[key] for key in ("frames", "error_counts", "particle_light_left_counts")),
+                stated["particle_light_counts"],
+            )
         planned = plan(chain, memory_gb)
         log.info("memory: about %.2g GB", planned.needed.peak / 1e9)
         log.info("time: about %s", duration.as_text(planned.takes.run(len(recording), len(recording.pairs))))
