@@ -1,16 +1,19 @@
 """Errors, warnings, exit codes, help, start-up and progress."""
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import pytest
 from small_recording import edit
 from typer.main import get_command
 
 from plenopiv.cli import app, main
+from plenopiv.cli.terminal import command_line
 from plenopiv.errors import PlenoPIVWarning
 
 
@@ -153,3 +156,14 @@ def test_progress_draws_a_bar_on_a_terminal_after_two_seconds(capsys, monkeypatc
         now[0] = 2.5
         progress("reconstruction", 5, 10)
     assert "reconstruction" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "name", ["a b.toml", "l'été.toml", "流れ.toml", '"$HOME" `x`; y.toml', "-x.toml", "~/a.toml", "#1.toml"]
+)
+def test_command_lines_are_pasted_as_they_are(name):
+    words = shlex.split(command_line("run", Path(name)))
+    assert words[:2] == ["plenopiv", "run"]
+    assert Path(words[2]) == Path(name)
+    assert not words[2].startswith("-")
+    assert command_line("run", Path("run7/experiment.toml")) == "plenopiv run run7/experiment.toml"

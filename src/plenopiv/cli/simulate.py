@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from plenopiv.cli.progress import Progress
+from plenopiv.cli.terminal import command_line
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.simulation.flows import flow
@@ -24,7 +25,7 @@ def simulate(file: Path, folder: Path, overwrite: bool) -> str:
     target = recording.directory / "experiment.toml"
     return (
         f"{recording.directory}: {len(recording.a.position_mm)} particles in frames a.tif and b.tif, white.tif, and "
-        f"the truth in truth.json and truth_particles.npz\nNext: plenopiv run {target}"
+        f"the truth in truth.json and truth_particles.npz\nNext: {command_line('run', target)}"
     )
 
 

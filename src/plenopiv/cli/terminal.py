@@ -15,9 +15,11 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, TextIO
 
 from plenopiv.errors import printable
@@ -89,6 +91,12 @@ class Terminal:
 
 
 terminal = Terminal()
+
+
+def command_line(command: str, *paths: Path) -> str:
+    """A command of this program as it is pasted into a POSIX shell, whatever the paths hold."""
+    words = [f"./{path}" if str(path).startswith("-") else str(path) for path in paths]
+    return " ".join(["plenopiv", command, *map(shlex.quote, words)])
 
 
 def coloured(text: str, colour: str, stream: TextIO) -> str:
