@@ -187,7 +187,8 @@ class Experiment(Table):
         dark = None if table.dark is None else folder / table.dark
         background = tuple(folder / name for name in table.background if not isinstance(table.background, str))
         of_frames = table.background == "minimum"
-        others = [path for path in (white, dark, *background) if path is not None]
+        targets = [folder / plane.image for plane in self.calibration.planes] if self.calibration else []
+        others = [path for path in (white, dark, *background, *targets) if path is not None]
         if table.pairs is None:
             assert table.frames is not None
             frames, pairs = sequence(folder, table.frames, others), Pairs()

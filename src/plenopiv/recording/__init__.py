@@ -3,6 +3,7 @@
 - ``sources``: where an image is: a file, one of its pages, half of a double-height image, a data set
 - ``tiff``: TIFF files; ``formats``: PNG, NumPy, HDF5 and LaVision files
 - ``pairs``: which images belong together, from patterns of file names
+- ``naming``: what names say: dark, background and white images, both frames of a pair
 - ``recording``: the frames, their pairs and the white image
 """
 

@@ -5,6 +5,7 @@ A format is told by the ending of the file's name. Arrays of three dimensions ar
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -19,6 +20,7 @@ from plenopiv.errors import PlenoPIVError, brief
 from plenopiv.recording.tiff import Header
 
 SEPARATOR = "::"  # between an HDF5 file and its data set
+NAMES_DATASET = re.compile(rf"(.*?\.(?:h5|hdf5)){SEPARATOR}(.*)", re.IGNORECASE | re.DOTALL)
 LARGEST = 1 << 32  # bytes of an image: more is a damaged header
 
 
@@ -37,8 +39,8 @@ class Reader(Protocol):
 
 def split(name: Path) -> tuple[Path, str]:
     """A file and the data set in it, "" where none is named."""
-    path, _, dataset = str(name).partition(SEPARATOR)
-    return Path(path), dataset
+    found = NAMES_DATASET.match(str(name))
+    return (Path(found[1]), found[2]) if found else (name, "")
 
 
 def reader_of(path: Path) -> Reader | None:
@@ -122,6 +124,28 @@ class HDF5File(Arrays):
                 yield found
             except (OSError, RuntimeError) as error:
                 raise PlenoPIVError(f"{path}: data set {dataset} cannot be read ({brief(error)})") from None
+
+
+def image_datasets(path: Path) -> list[str]:
+    """Names of an HDF5 file's data sets that are images, or stacks of images, of counts.
+
+    Raises:
+        PlenoPIVError: the file cannot be read.
+    """
+    import h5py
+
+    names: list[str] = []
+
+    def visit(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset) and item.ndim in (2, 3) and item.dtype in (np.uint8, np.uint16):
+            names.append(name)
+
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(visit)
+    except (OSError, RuntimeError) as error:
+        raise PlenoPIVError(f"{path}: is no whole HDF5 file ({brief(error)})") from None
+    return names
 
 
 class PNGFile:

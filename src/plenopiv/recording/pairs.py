@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from plenopiv.errors import PlenoPIVError
+from plenopiv.recording import formats, naming
 from plenopiv.recording.sources import ImageSource, only_source, sources_of
 
 Stacked = Literal["top-first", "bottom-first"]
@@ -123,22 +124,43 @@ def _without_braces(pattern: str, why: str) -> None:
 def find_frames(folder: Path, pattern: str, leave_out: Path | Sequence[Path] | None = None) -> tuple[Path, ...]:
     """Files of a glob in natural order (a2 before a10), without ``leave_out`` (white image, dark, background).
 
+    ``pattern`` may name a data set of HDF5 files: ``run_*.h5::frames``.
+
     Raises:
-        PlenoPIVError: nothing matches, or the pattern is none.
+        PlenoPIVError: nothing matches, the pattern is none, or a file is a dark, background or white image by its name,
+            which the pattern does not spell out.
     """
+    files, dataset = formats.split(Path(pattern))
+    glob, inside = str(files), f"{formats.SEPARATOR}{dataset}" if dataset else ""
     try:
         # Path.glob takes no absolute patterns: split off the root.
-        root = Path(pattern).anchor
-        found = Path(root).glob(str(Path(pattern).relative_to(root))) if root else folder.glob(pattern)
+        root = files.anchor
+        found = Path(root).glob(str(files.relative_to(root))) if root else folder.glob(glob)
         paths = sorted((p for p in found if p.is_file()), key=lambda p: natural_order(p.as_posix()))
     except (ValueError, NotImplementedError) as error:
         raise PlenoPIVError(f"recording.frames: {pattern!r} is no file pattern ({error})") from None
     others = [leave_out] if isinstance(leave_out, Path) else list(leave_out or ())
     apart = {other.resolve() for other in others}
-    kept = tuple(p for p in paths if p.resolve() not in apart)
+    named = [Path(f"{path}{inside}") for path in paths]
+    kept = tuple(p for p in named if p.resolve() not in apart)
     if not kept:
         raise PlenoPIVError(f"recording.frames: no file matches {pattern!r} in {folder.resolve()}")
+    _refuse_other_images(kept, pattern)
     return kept
+
+
+def _refuse_other_images(paths: Sequence[Path], pattern: str) -> None:
+    """Raise PlenoPIVError where a pattern takes an image for a frame that is none by its name."""
+    asked = naming.spelled_out(Path(pattern).name)
+    others = [(path, role) for path in paths if (role := naming.role(path.name)) not in (None, asked)]
+    if others:
+        (path, role), count = others[0], len(others) - 1
+        assert role is not None
+        more = f" ({count} more like it)" if count else ""
+        raise PlenoPIVError(
+            f"{path}: the pattern {pattern!r} takes it for a frame, and by its name it is "
+            f"{naming.MEANT_AS[role]}{more}, or move it away; a list, or a pattern that begins with the name, takes it"
+        )
 
 
 def natural_order(name: str) -> list[tuple[int, int, str]]:
