@@ -30,8 +30,13 @@ def test_init_says_what_to_do_next(folder, tmp_path, capsys):
     assert main(["init", str(folder), str(tmp_path / "optics.json"), "--overwrite"]) == 0
     lines = capsys.readouterr().out.splitlines()
     file = folder / "experiment.toml"
-    assert lines[0] == f"{file}: drafted for White_0.tif and 2 frames, frame9.tif to frame10.tif"
-    assert [line.split("#")[0].strip() for line in lines[2:]] == [
+    assert lines[:4] == [
+        f"{file}: drafted, with the images taken for",
+        "  white       White_0.tif",
+        "  frames      2, a sequence: frame9.tif, frame10.tif",
+        "Read it through, then in this order:",
+    ]
+    assert [line.split("#")[0].strip() for line in lines[4:]] == [
         f"plenopiv {command} {file}" for command in ("info", "check", "run")
     ]
     assert str(folder / "results") in lines[-1]
@@ -127,4 +132,4 @@ def test_init_names_what_is_wrong_with_the_folder(folder, tmp_path, one_line):
     assert not (folder / "experiment.toml").exists()
     empty = tmp_path / "empty"
     empty.mkdir()
-    assert "holds no TIFF images" in one_line("init", empty, sheet)
+    assert "holds no images" in one_line("init", empty, sheet)

@@ -50,7 +50,7 @@ def plenopiv_command(
 ) -> None:
     """From raw images of one plenoptic camera to a 3D velocity field.
 
-    A recording is a folder of TIFF images: one white image and two or more frames. One experiment file describes the
+    A recording is a folder of images: one white image and two or more frames. One experiment file describes the
     camera and says what to do; lengths are in mm, times in s. From images to vectors:
 
     \b
@@ -76,8 +76,11 @@ def init(
 ) -> None:
     """Draft FOLDER/experiment.toml from a folder of images and an optics sheet.
 
-    The white image is found by its name (white*, calib*, flat*); all other TIFF files are frames, in natural order.
-    Volume and voxels are suggested from the optics; each key is explained in the file. An optics sheet:
+    By their names found are the white image (white*, calib*, flat*, *_white), the dark one (dark*, *_dark), that of
+    static light, or one for each pulse (background*, bg*, static*), and double frames (_A/_B, a/b, _0/_1, _1/_2,
+    LaserPulse0/1, frameA/frameB, first/second). Files of two pages and of double height hold pairs too; all else is a
+    sequence, in natural order. It prints what was taken for what. Volume and voxels are suggested from the optics; each
+    key is explained in the file. An optics sheet:
 
     \b
         {"main_lens": {"focal_length_mm": 50, "aperture_mm": 25, "magnification": -1},

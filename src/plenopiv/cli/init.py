@@ -7,22 +7,21 @@ import tomllib
 from pathlib import Path
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.cli.folder import FolderImages, folder_images
 from plenopiv.cli.optics_sheet import OpticsSheet
-from plenopiv.cli.template import filled
+from plenopiv.cli.template import BEFORE_COMMENT, filled, toml
+from plenopiv.cli.terminal import command_line
 from plenopiv.design.advice import suggested
 from plenopiv.displacement.settings import CorrelationSettings
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, printable
 from plenopiv.experiment import Experiment
 from plenopiv.reconstruction.settings import ReconstructionSettings
-from plenopiv.recording import image_size, natural_order
 
 FILE = "experiment.toml"
-WHITE_NAMES = ("white", "calib", "flat")
-TIFF = (".tif", ".tiff")
 
 
 def init(folder: Path, sheet: Path, overwrite: bool) -> str:
-    """Write ``folder/experiment.toml``; returns the files used and the next commands.
+    """Write ``folder/experiment.toml``; returns what the images were taken for, and the next commands.
 
     Raises:
         PlenoPIVError: the folder or sheet cannot be used, the sheet lacks a value, images are missing, differ in size
@@ -34,10 +33,9 @@ def init(folder: Path, sheet: Path, overwrite: bool) -> str:
     if target.exists() and not overwrite:
         raise PlenoPIVError(f"{target}: is already there; use --overwrite to replace it")
     known = OpticsSheet(sheet)
-    white, frames = images(folder)
-    columns, rows = _common_size([white, *frames])
-    camera = known.camera(columns, rows)
-    text = draft(known, camera, white.name, [frame.name for frame in frames])
+    images = folder_images(folder, known.value("sensor", "rows"))
+    camera = known.camera(images.columns, images.rows)
+    text = draft(known, camera, images)
     Experiment.from_dict(tomllib.loads(text), target)  # raises now if the draft does not load
     aside = target.with_name(f".{FILE}.part")
     try:
@@ -45,49 +43,24 @@ def init(folder: Path, sheet: Path, overwrite: bool) -> str:
         aside.replace(target)
     finally:
         aside.unlink(missing_ok=True)
+    steps = {
+        "info": "what to expect of this camera",
+        "check": "is the recording good, and does it agree with the file?",
+        "run": f"writes {target.parent / 'results'}",
+    }
+    commands = {command_line(step, target): words for step, words in steps.items()}
+    width = max(map(len, commands))
     return "\n".join(
         [
-            f"{target}: drafted for {white.name} and {len(frames)} frames, {frames[0].name} to {frames[-1].name}",
+            f"{printable(str(target))}: drafted, with the images taken for",
+            *(f"  {what:<10}  {words}" for what, words in images.lines),
             "Read it through, then in this order:",
-            f"  plenopiv info {target}   # what to expect of this camera",
-            f"  plenopiv check {target}  # is the recording good, and does it agree with the file?",
-            f"  plenopiv run {target}    # writes {target.parent / 'results'}",
+            *(f"  {command:<{width}}  # {printable(words)}" for command, words in commands.items()),
         ]
     )
 
 
-def images(folder: Path) -> tuple[Path, list[Path]]:
-    """The white image, by its name, and all other TIFF files in natural order.
-
-    Raises:
-        PlenoPIVError: no white image or several, or fewer than two frames.
-    """
-    found = sorted((p for p in folder.iterdir() if p.suffix.lower() in TIFF), key=lambda p: natural_order(p.name))
-    if not found:
-        raise PlenoPIVError(f"{folder}: holds no TIFF images (.tif, .tiff); only TIFF is read")
-    white = [p for p in found if p.name.lower().startswith(WHITE_NAMES)]
-    frames = [p for p in found if p not in white]
-    if len(white) != 1:
-        names = ", ".join(p.name for p in white) or "none"
-        raise PlenoPIVError(f"{folder}: needs one white image (white*, calib* or flat*.tif); found {names}")
-    if len(frames) < 2:
-        raise PlenoPIVError(f"{folder}: holds {len(frames)} frame beside {white[0].name}; a velocity needs two")
-    return white[0], frames
-
-
-def _common_size(paths: list[Path]) -> tuple[int, int]:
-    first = image_size(paths[0])
-    for path in paths[1:]:
-        size = image_size(path)
-        if size != first:
-            raise PlenoPIVError(
-                f"{path}: is {size[0]} x {size[1]} pixels, but {paths[0].name} is {first[0]} x {first[1]}; "
-                f"all images must come from one sensor"
-            )
-    return first
-
-
-def draft(known: OpticsSheet, camera: PlenopticCamera, white: str, frames: list[str]) -> str:
+def draft(known: OpticsSheet, camera: PlenopticCamera, images: FolderImages) -> str:
     """The text of the experiment file."""
     depth = known.depth_mm()
     why_depth = (
@@ -113,9 +86,9 @@ def draft(known: OpticsSheet, camera: PlenopticCamera, white: str, frames: list[
         pixel_pitch=sensor.pixel_pitch_mm,
         bit_depth=sensor.bit_depth,
         black_level=sensor.black_level,
-        white=json.dumps(white, ensure_ascii=False),
-        frames=json.dumps(frames, ensure_ascii=False),
+        images=image_lines(images),
         dt=float(known.number("recording", "dt_s")),
+        what_dt="from one frame to the next" if images.frames.pairs is None else "between the two frames of a pair",
         orientation=json.dumps(known.text("recording", "orientation", ("upright", "sensor"))),
         x=list(x),
         y=list(y),
@@ -129,3 +102,21 @@ def draft(known: OpticsSheet, camera: PlenopticCamera, white: str, frames: list[
         iterations=ReconstructionSettings.iterations,
         relaxation=ReconstructionSettings.relaxation,
     )
+
+
+def image_lines(images: FolderImages) -> str:
+    """The lines of [recording] that name files; what there is not, as a comment."""
+    frames = images.frames
+    lines = [f"white = {toml(images.white)}{BEFORE_COMMENT}an evenly lit surface: shows where the microlenses are"]
+    dark = f"dark = {toml(images.dark)}" if images.dark else '# dark = "dark.tif"'
+    lines.append(f"{dark}{BEFORE_COMMENT}with the sensor covered: black level of each pixel, hot pixels")
+    taken = images.background[0] if len(images.background) == 1 else images.background
+    background = f"background = {toml(taken)}" if taken else '# background = "background.tif"'
+    lines.append(f"{background}{BEFORE_COMMENT}light without particles; or a list of two, one for each pulse")
+    if frames.pairs is not None:
+        lines.append(f"pairs = {toml(frames.pairs)}{BEFORE_COMMENT}of a double-frame camera: first and second pulse")
+    else:
+        lines.append(f'frames = {toml(frames.frames)}{BEFORE_COMMENT}a list, or a glob such as "run7/*.tif"')
+    if frames.stacked:
+        lines.append(f'stacked = "top-first"{BEFORE_COMMENT}assumed')
+    return "\n".join([*lines, *([f"# {frames.doubt}"] if frames.doubt else [])])

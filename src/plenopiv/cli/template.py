@@ -1,8 +1,12 @@
 """The experiment file that ``plenopiv init`` drafts: every key with its meaning and unit."""
 
+from __future__ import annotations
+
+import json
 import re
 from typing import Any
 
+BEFORE_COMMENT = "\t# "  # TOML's texts hold no tabs
 COMMENTS_AT = 33  # column of the comments, where values are short enough
 
 TEMPLATE = """\
@@ -31,9 +35,8 @@ bit_depth = {bit_depth}   # of the counts in the files, which may hold 12 bits i
 black_level = {black_level}   # counts of a pixel without light
 
 [recording]
-white = {white}   # an evenly lit surface: shows where the microlenses are
-frames = {frames}   # a list, or a glob such as "run7/*.tif"
-dt_s = {dt}   # from one frame to the next
+{images}
+dt_s = {dt}   # {what_dt}
 orientation = {orientation}   # columns grow with +x, rows with -y; "sensor" = as the inverted image falls
 
 [volume]   # outer faces; parts that some views miss are reconstructed worse
@@ -59,9 +62,14 @@ directory = "results"
 
 def filled(**values: Any) -> str:
     """The template with values as TOML writes them, comments in one column."""
-    lines = TEMPLATE.format(**values).splitlines()
-    return "\n".join(re.sub(r"^(\S.*?) {3}(# )", _aligned, line) for line in lines) + "\n"
+    lines = TEMPLATE.replace("   # ", BEFORE_COMMENT).format(**values).splitlines()  # file names may hold anything else
+    return "\n".join(re.sub(rf"^(\S.*?){BEFORE_COMMENT}", _aligned, line) for line in lines) + "\n"
+
+
+def toml(value: Any) -> str:
+    """Text, or nested lists of it, as TOML has them."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _aligned(match: re.Match) -> str:
-    return f"{match[1]:<{COMMENTS_AT - 2}}  {match[2]}"
+    return f"{match[1]:<{COMMENTS_AT - 2}}  # "
