@@ -59,7 +59,7 @@ def test_a_tag_is_printed_without_what_a_terminal_obeys(tmp_path, text):
         tifffile.imwrite(tmp_path / name, np.arange(400, dtype=np.uint16).reshape(20, 20))
         tag_with(tmp_path / name, content)
     marks = [(name, stamp(only_source(tmp_path / name))) for name in ("a.tif", "white.tif")]
-    assert all(mark.taken is None for _, mark in marks)
+    assert all(mark.taken_s is None for _, mark in marks)
     finding = same_camera(*marks)
     assert finding is not None
     assert "'other" in finding.words

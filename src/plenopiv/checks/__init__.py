@@ -6,7 +6,7 @@ fit.py           whether the frames' light falls where the white image has its m
 light.py         exposure and background of frames
                  seeding: particles per microlens, per pixel, per window
 motion.py        displacement between two frames, from refocused pictures
-stamps.py        times and cameras in the files' tags
+stamps.py        times and cameras in the files
 whole_recording.py   all of them on one recording
 """
 

@@ -97,9 +97,9 @@ def check(
 
 
 def _files(recording: Recording) -> list[Finding]:
-    """Findings on times and cameras in the files' tags."""
+    """Findings on times and cameras in the files."""
     marks = [(printable(frame.name), stamps.stamp(frame)) for frame in recording.frames]
-    out = [stamps.in_order(marks, recording.dt_s)]
+    out = [stamps.in_order(marks, recording.dt_s, () if recording.is_sequence else recording.pairs)]
     if recording.white_source is not None:
         white = recording.white_source
         other = stamps.same_camera(marks[0], (printable(white.name), stamps.stamp(white)))
