@@ -7,6 +7,8 @@ light.py         exposure and background of frames
                  seeding: particles per microlens, per pixel, per window
 motion.py        displacement between two frames, from refocused pictures
 stamps.py        times and cameras in the files
+repeats.py       frames that are one image
+reversal.py      pairs that are read as a sequence
 whole_recording.py   all of them on one recording
 """
 

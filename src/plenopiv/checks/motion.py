@@ -46,11 +46,11 @@ def motion(a: LightField, b: LightField, z_mm: tuple[float, float]) -> Motion:
     z = np.linspace(*z_mm, planes)
     x, y = image_axes(camera, camera.lattice.pitch_mm / abs(camera.main_lens.magnification) / STEPS)
     y = y[::-1]
-    first, second = (_stack(lf, x, y, z) for lf in (a, b))
+    first, second = (stack(lf, x, y, z) for lf in (a, b))
     places, moves, peaks = [], [], []
-    for rows in _parts(y.size):
-        for columns in _parts(x.size):
-            move, peak = _moved(first[:, rows, columns], second[:, rows, columns])
+    for rows in parts(y.size):
+        for columns in parts(x.size):
+            move, peak = moved(first[:, rows, columns], second[:, rows, columns])
             peaks.append(peak)
             if peak >= CLEAR:
                 places.append((x[columns].mean(), y[rows].mean(), z.mean()))
@@ -59,25 +59,25 @@ def motion(a: LightField, b: LightField, z_mm: tuple[float, float]) -> Motion:
     return Motion(np.reshape(places, shape), np.reshape(moves, shape), float(np.median(peaks)))
 
 
-def _stack(lightfield: LightField, x: NDArray, y: NDArray, z: NDArray) -> NDArray[np.float64]:
-    """Refocused pictures (z, y, x) without their blurred part, dark where no view sees."""
+def stack(lightfield: LightField, x: NDArray, y: NDArray, z: NDArray, every: int = EVERY) -> NDArray[np.float64]:
+    """Refocused pictures (z, y, x) from one view in ``every``, without their blurred part, dark where no view sees."""
     from scipy.ndimage import gaussian_filter
 
-    views = range(0, lightfield.layout.views, EVERY)
-    stack = np.nan_to_num(np.array([refocused(lightfield, float(depth), x, y, views) for depth in z], np.float64))
-    stack = np.sqrt(np.maximum(stack, 0.0))  # a few bright particles count no more than the others
+    views = range(0, lightfield.layout.views, every)
+    pictures = np.nan_to_num(np.array([refocused(lightfield, float(depth), x, y, views) for depth in z], np.float64))
+    pictures = np.sqrt(np.maximum(pictures, 0.0))  # a few bright particles count no more than the others
     weight = focus_weight(lightfield.layout.camera, z, REACH)[:, None, None]
-    return weight * (stack - gaussian_filter(stack, (0, SLOW * STEPS, SLOW * STEPS)))
+    return weight * (pictures - gaussian_filter(pictures, (0, SLOW * STEPS, SLOW * STEPS)))
 
 
-def _parts(size: int) -> list[slice]:
+def parts(size: int) -> list[slice]:
     """Windows along one axis, as many as fit."""
     count = max(1, size // (WINDOW * STEPS))
     side = min(size, max(WINDOW * STEPS, size // count))
     return [slice(int(k), int(k) + side) for k in np.linspace(0, size - side, count)]
 
 
-def _moved(a: NDArray, b: NDArray) -> tuple[NDArray[np.float64], float]:
+def moved(a: NDArray, b: NDArray) -> tuple[NDArray[np.float64], float]:
     """Displacement along the three axes from a to b, in cells to a fraction, and its correlation coefficient."""
     shape = [2 * n for n in a.shape]
     a, b = a - a.mean((1, 2), keepdims=True), b - b.mean((1, 2), keepdims=True)

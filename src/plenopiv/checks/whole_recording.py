@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.checks import fit, light, motion, stamps, static, white
+from plenopiv.checks import fit, light, motion, repeats, reversal, stamps, static, white
 from plenopiv.checks.findings import Finding
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVWarning, printable
@@ -93,18 +93,39 @@ def check(
         if any(finding.severity == "unusable" for finding in findings if finding.name in ("flipped", "other-camera")):
             return replace(seen, findings=tuple(findings))
     others, lit, moved = _light_and_motion(recording, seen, frames[:2], names, grid, correlation, report)
+    if moved is not None:
+        findings = _with_reversal(findings, recording, seen.camera, grid)
     return replace(seen, findings=tuple(findings + others), light=lit, motion=moved)
 
 
 def _files(recording: Recording) -> list[Finding]:
-    """Findings on times and cameras in the files."""
+    """Findings on times and cameras in the files, on names of pairs, and on frames that are one image."""
     marks = [(printable(frame.name), stamps.stamp(frame)) for frame in recording.frames]
     out = [stamps.in_order(marks, recording.dt_s, () if recording.is_sequence else recording.pairs)]
+    named = reversal.of_names(recording)
+    out += [named] if named else []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PlenoPIVWarning)
+        out += repeats.findings(recording)
     if recording.white_source is not None:
         white = recording.white_source
         other = stamps.same_camera(marks[0], (printable(white.name), stamps.stamp(white)))
         out += [other] if other else []
     return out
+
+
+def _with_reversal(
+    findings: list[Finding], recording: Recording, camera: PlenopticCamera, grid: VoxelGrid
+) -> list[Finding]:
+    """The findings with what the frames say of their order; where they move evenly, names of pairs are a warning."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PlenoPIVWarning)
+        found = reversal.of_frames(recording, camera, grid.limits_mm()[2])
+    if found is None:
+        return findings
+    even = found.severity == "good"
+    by_name = reversal.of_names(recording)
+    return [replace(f, severity="warning") if even and f == by_name else f for f in findings] + [found]
 
 
 def _common_light(recording: Recording, camera: PlenopticCamera) -> list[Finding]:
