@@ -152,6 +152,21 @@ def test_data_sets_of_one_hdf5_file(tmp_path, capsys):
     assert "rec.h5::camera/white" in line(capsys.readouterr().out.splitlines(), "white")
 
 
+def test_files_of_other_formats_are_left_alone(drafted, tmp_path):
+    at = tmp_path / "run7"
+    at.mkdir()
+    (at / "results.h5").write_text("no HDF5 at all")
+    np.save(at / "truth_static_a.npy", np.zeros(3))
+    (at / ".hidden.tif").write_text("nor a TIFF")
+    (at / "folder.tif").mkdir()
+    experiment, lines = drafted(["f1.tif", "f2.tif"], others=["white.tif", "sketch.png"])
+    assert experiment.recording_table.frames == ("f1.tif", "f2.tif")
+    assert experiment.recording_table.background == "none"
+    for name in ("results.h5", "truth_static_a.npy", "sketch.png"):
+        assert name in line(lines, "not used")
+    assert not any("hidden" in text or "folder.tif" in text for text in lines)
+
+
 @pytest.mark.parametrize(
     ("names", "images", "rows", "expected"),
     [

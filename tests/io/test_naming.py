@@ -127,3 +127,14 @@ def test_pairs_take_no_background(folder):
         pairs(at, "*_{a,b}.tif")
     found, _ = pairs(at, "*_{a,b}.tif", None, [at / "background_a.tif", at / "background_b.tif"])
     assert [frame.path.name for frame in found] == ["r1_a.tif", "r1_b.tif"]
+
+
+def test_a_pattern_of_folders_takes_none_of_dark_images(folder):
+    at = folder("notes.tif")
+    for name in ("run1", "run2", "dark"):
+        (at / name).mkdir()
+        tifffile.imwrite(at / name / "1.tif", np.arange(2400, dtype=np.uint16).reshape(40, 60))
+    with pytest.raises(PlenoPIVError, match=r"dark/1\.tif: the pattern '\*/\*\.tif' takes it for a frame"):
+        find_frames(at, "*/*.tif")
+    assert len(find_frames(at, "run*/*.tif")) == 2
+    assert len(find_frames(at, "dark/*.tif")) == 1

@@ -111,7 +111,7 @@ def _names(folder: Path) -> list[list[str]]:
     found: list[list[str]] = []
     for endings in FORMATS:
         names = [p.name for p in files if p.suffix.lower() in endings and not p.name.startswith(".")]
-        if ".h5" in endings:
+        if ".h5" in endings and not any(naming.role(name) is None for earlier in found for name in earlier):
             names = [f"{name}{SEPARATOR}{inside}" for name in names for inside in image_datasets(folder / name)]
         found.append(names)
     for name in (name for names in found for name in names):

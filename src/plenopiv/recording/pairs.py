@@ -152,7 +152,9 @@ def find_frames(folder: Path, pattern: str, leave_out: Path | Sequence[Path] | N
 def _refuse_other_images(paths: Sequence[Path], pattern: str) -> None:
     """Raise PlenoPIVError where a pattern takes an image for a frame that is none by its name."""
     asked = naming.spelled_out(Path(pattern).name)
+    any_folder = bool(naming.SPECIAL & set(str(Path(pattern).parent)))
     others = [(path, role) for path in paths if (role := naming.role(path.name)) not in (None, asked)]
+    others += [(path, role) for path in paths if any_folder and (role := naming.role(path.parent.name))]
     if others:
         (path, role), count = others[0], len(others) - 1
         assert role is not None
