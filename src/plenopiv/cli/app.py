@@ -76,8 +76,8 @@ def init(
 ) -> None:
     """Draft FOLDER/experiment.toml from a folder of images and an optics sheet.
 
-    By their names found are the white image (white*, calib*, flat*, *_white), the dark one (dark*, *_dark), that of
-    static light, or one for each pulse (background*, bg*, static*), and double frames (_A/_B, a/b, _0/_1, _1/_2,
+    Names tell which is the white image (white*, calib*, flat*, *_white), the dark one (dark*, *_dark), that of static
+    light, or one for each pulse (background*, bg*, static*), and which are double frames (_A/_B, a/b, _0/_1, _1/_2,
     LaserPulse0/1, frameA/frameB, first/second). Files of two pages and of double height hold pairs too; all else is a
     sequence, in natural order. It prints what was taken for what. Volume and voxels are suggested from the optics; each
     key is explained in the file. An optics sheet:
