@@ -57,7 +57,13 @@ def test_the_results_folder(finished, capsys):
     experiment, out, err, summary = finished
     assert "memory: about" in err
     folder = experiment.output_directory
-    words, velocity, report = out.splitlines()
+    moved, words, velocity, report = out.splitlines()
+    largest = ", ".join(f"{d:.2g}" for d in summary["not_in_images"]["largest_displacement_voxels"])
+    assert moved.startswith(f"displacements of up to ({largest}) voxels along (x, y, z), ")
+    assert 'dt = 0.0005 s, orientation "upright"' in moved
+    assert next(iter(summary)) == "not_in_images"
+    assert summary["quality"] == "good"
+    assert summary["set_aside"] == summary["findings"] == []
     assert re.fullmatch(r"\d+ vectors, \d+\.\d % replaced, (no|\d+) warnings?", words)
     assert velocity == str(folder / "velocity.nc")
     assert report.startswith(str(folder / "report.html"))
@@ -107,7 +113,7 @@ def test_an_exposure_without_particles_is_named_and_nothing_is_written(experimen
     tifffile.imwrite(experiment.folder / "b.tif", np.clip(np.rint(dark), 0, 4095).astype(np.uint16))
     assert main(["run", str(experiment.path)]) == 2
     error = capsys.readouterr().err.strip().split("\n")[-1]
-    assert error.startswith("plenopiv: error: b.tif: no particles")
+    assert error.startswith("plenopiv: error: b.tif is underexposed")
     assert not experiment.output_directory.exists()
 
 

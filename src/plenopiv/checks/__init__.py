@@ -9,10 +9,12 @@ motion.py        displacement between two frames, from refocused pictures
 stamps.py        times and cameras in the files
 repeats.py       frames that are one image
 reversal.py      pairs that are read as a sequence
+pair.py          each pair of a run as it comes
 whole_recording.py   all of them on one recording
 """
 
 from plenopiv.checks.findings import Finding
+from plenopiv.checks.pair import PairCheck
 from plenopiv.checks.whole_recording import CheckResult, check
 
-__all__ = ["CheckResult", "Finding", "check"]
+__all__ = ["CheckResult", "Finding", "PairCheck", "check"]

@@ -66,15 +66,22 @@ def fit(frame: NDArray, white: NDArray, pitch_px: float) -> Fit:
     return fits([frame], white, pitch_px)[0]
 
 
-def fits(frames: Sequence[NDArray], white: NDArray, pitch_px: float, black_level: float = 0.0) -> list[Fit]:
-    """``fit`` of several frames, in counts; the white image is transformed once for all of them."""
+def fits(
+    frames: Sequence[NDArray],
+    white: NDArray,
+    pitch_px: float,
+    black_level: float = 0.0,
+    turns: Sequence[str] = tuple(TURNS),
+) -> list[Fit]:
+    """``fit`` of several frames, in counts, the white image turned in each of ``turns``; it is transformed once for all
+    of them."""
     blocks = _blocks(frames[0].shape, pitch_px)
     cut = partial(_pattern, side=blocks.side, pitch_px=pitch_px, black_level=black_level)
     light = [[cut(frame, corner, most=3.0) for corner in blocks.corners] for frame in frames]
     agreement: list[dict[str, float]] = [{} for _ in frames]
     visible, shifts = np.zeros(len(frames)), np.zeros((len(frames), len(blocks.corners), 2))
-    for name, turn in TURNS.items():
-        turned = turn(white)
+    for name in turns:
+        turned = TURNS[name](white)
         if turned.shape != frames[0].shape:
             continue
         sums = np.zeros((3, len(frames)))  # at no shift, at the highest place, and what that could be

@@ -101,7 +101,7 @@ def _background(lowest: float, mean: float, variance: float) -> float:
 
 def exposure(counts: NDArray, sensor: Sensor, found: Light, name: str) -> list[Finding]:
     """Over- and underexposure of a frame (upright counts), and its background."""
-    out = [_clipping(counts, sensor, name)]
+    out = [clipping(counts, sensor, name)]
     if found.signal_to_noise < FAINTEST:
         out.append(
             Finding(
@@ -132,7 +132,7 @@ def exposure(counts: NDArray, sensor: Sensor, found: Light, name: str) -> list[F
     return out
 
 
-def _clipping(counts: NDArray, sensor: Sensor, name: str) -> Finding:
+def clipping(counts: NDArray, sensor: Sensor, name: str) -> Finding:
     """Pixels at full scale, or heaped at a lower highest count: a sensor may saturate below what its bits hold."""
     top = int(counts.max())
     share = float(np.mean(counts == top))

@@ -39,7 +39,11 @@ def findings(recording: Recording) -> list[Finding]:
     count = len(recording.pairs)
     for pair in sorted({round(k) for k in np.linspace(0, count - 1, min(count, PAIRS))} - set(within)):
         a, b = recording.pairs[pair]
-        if same_image(_middle(recording, a), _middle(recording, b), recording.sensor):
+        try:
+            same_pair = same_image(_middle(recording, a), _middle(recording, b), recording.sensor)
+        except PlenoPIVError:  # a damaged frame is a finding of its own
+            continue
+        if same_pair:
             within.append(pair)
     out = []
     if within:
@@ -87,6 +91,8 @@ def _same_files(recording: Recording) -> set[tuple[int, int]]:
     """Numbers of frames, each a file of its own, whose counts are equal: neighbours in the order of the recording."""
     alike: dict[tuple[int, bytes], list[int]] = defaultdict(list)
     for k, frame in enumerate(recording.frames):
+        if k in recording.damaged:
+            continue
         if frame.pages == 1 and frame.half is None and not frame.dataset:
             alike[_pieces(frame.path)].append(k)
     found: set[tuple[int, int]] = set()

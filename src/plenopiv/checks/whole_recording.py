@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.calibration import LatticeFit
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.checks import fit, light, motion, repeats, reversal, stamps, static, white
 from plenopiv.checks.findings import Finding
 from plenopiv.displacement.settings import CorrelationSettings
-from plenopiv.errors import PlenoPIVWarning, printable
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.lightfield import LightField, decode, layout
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
@@ -31,7 +32,7 @@ Progress = Callable[[str, int, int], None]
 class CheckResult:
     """Findings on a recording, and what was measured for them.
 
-    ``frame`` and ``white`` are upright counts; ``camera`` has the lattice of the white image, where one was found;
+    ``frame`` and ``white`` are upright counts; ``camera`` has the ``lattice`` of the white image, where one was found;
     ``fit``, ``light`` and ``motion`` are None where an earlier finding leaves nothing to measure.
     """
 
@@ -40,6 +41,7 @@ class CheckResult:
     name: str
     frame: NDArray[np.uint16]
     white: NDArray[np.uint16] | None
+    lattice: LatticeFit | None = None
     fit: fit.Fit | None = None
     light: light.Light | None = None
     motion: motion.Motion | None = None
@@ -56,22 +58,25 @@ def check(
     grid: VoxelGrid,
     correlation: CorrelationSettings,
     progress: Progress | None = None,
+    *,
+    with_motion: bool = True,
 ) -> CheckResult:
     """Check a recording: files, white image, frames against it, light, seeding, displacement.
 
     ``camera`` as it is stated, ``grid`` and ``correlation`` as a run would take them. ``progress(stage, done, total)``.
+    ``with_motion``: the displacement too, which takes longest and which a run measures itself.
 
     Raises:
-        PlenoPIVError: an image cannot be read.
+        PlenoPIVError: the white image cannot be read, or no pair of frames.
     """
     report = progress or (lambda stage, done, total: None)
-    chosen = sorted({*recording.pairs[0], recording.pairs[-1][1]})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlenoPIVWarning)  # saturation is a finding here
+        chosen, findings = readable(recording)
         frames = [recording.frame(k) for k in chosen]
         image = recording.white()
     names = [printable(recording.frames[k].name) for k in chosen]
-    findings = _files(recording)
+    findings += _files(recording)
     if recording.static_light is not None:
         findings += static.of_files(recording.static_light)
     else:
@@ -84,7 +89,7 @@ def check(
         report("white image", 1, 1)
         if found is None:
             return replace(seen, findings=tuple(findings))
-        seen = replace(seen, camera=camera.with_lattice(found.lattice))
+        seen = replace(seen, camera=camera.with_lattice(found.lattice), lattice=found)
         report("frames against the white image", 0, 1)
         fits = fit.fits(frames, image, seen.camera.image_pitch_px, camera.sensor.black_level)
         report("frames against the white image", 1, 1)
@@ -92,15 +97,46 @@ def check(
         seen = replace(seen, fit=fits[0])
         if any(finding.severity == "unusable" for finding in findings if finding.name in ("flipped", "other-camera")):
             return replace(seen, findings=tuple(findings))
-    others, lit, moved = _light_and_motion(recording, seen, frames[:2], names, grid, correlation, report)
-    if moved is not None:
+    others, lit, moved = _light_and_motion(recording, seen, frames[:2], names, grid, correlation, report, with_motion)
+    if not any(finding.name == "underexposed" and finding.severity == "unusable" for finding in others):
         findings = _with_reversal(findings, recording, seen.camera, grid)
     return replace(seen, findings=tuple(findings + others), light=lit, motion=moved)
 
 
+def readable(recording: Recording) -> tuple[list[int], list[Finding]]:
+    """Numbers of the frames that are checked, those of the first pair and the last one, passing over what cannot be
+    read, and a finding on that.
+
+    Raises:
+        PlenoPIVError: no pair can be read.
+    """
+    bad = dict(recording.damaged)
+    for pair in recording.pairs:
+        try:
+            for k in pair:
+                recording.frame(k)
+        except PlenoPIVError as error:
+            bad[k] = str(error)
+            continue
+        break
+    else:
+        raise PlenoPIVError(next(iter(bad.values())))
+    last = next(p for p in reversed(recording.pairs) if not bad.keys() & set(p))
+    out = []
+    if bad:
+        more = f" ({len(bad)} such frames)" if bad.keys() - {next(iter(bad))} else ""
+        advice = "copy the file again; a run sets its pairs aside"
+        out = [Finding("damaged-frame", "warning", next(iter(bad.values())) + more, float(len(bad)), "frames", advice)]
+    return sorted({*pair, last[1]}), out
+
+
 def _files(recording: Recording) -> list[Finding]:
     """Findings on times and cameras in the files, on names of pairs, and on frames that are one image."""
-    marks = [(printable(frame.name), stamps.stamp(frame)) for frame in recording.frames]
+    unknown = stamps.Stamp(None, {})
+    marks = [
+        (printable(frame.name), unknown if k in recording.damaged else stamps.stamp(frame))
+        for k, frame in enumerate(recording.frames)
+    ]
     out = [stamps.in_order(marks, recording.dt_s, () if recording.is_sequence else recording.pairs)]
     named = reversal.of_names(recording)
     out += [named] if named else []
@@ -120,7 +156,10 @@ def _with_reversal(
     """The findings with what the frames say of their order; where they move evenly, names of pairs are a warning."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlenoPIVWarning)
-        found = reversal.of_frames(recording, camera, grid.limits_mm()[2])
+        try:
+            found = reversal.of_frames(recording, camera, grid.limits_mm()[2])
+        except PlenoPIVError:  # a damaged frame is a finding of its own
+            return findings
     if found is None:
         return findings
     even = found.severity == "good"
@@ -137,9 +176,19 @@ def _common_light(recording: Recording, camera: PlenopticCamera) -> list[Finding
     chosen = sorted({round(k) for k in np.linspace(0, count - 1, min(count, PAIRS))})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlenoPIVWarning)
-        frames = [middle_of(recording.frame(recording.pairs[k][0]), part) for k in chosen]
+        frames = [
+            middle_of(frame, part) for k in chosen if (frame := _frame(recording, recording.pairs[k][0])) is not None
+        ]
     found = static.common_light(frames, recording.sensor, camera.image_pitch_px)
     return [] if found is None else [found]
+
+
+def _frame(recording: Recording, k: int) -> NDArray[np.uint16] | None:
+    """A frame, None where it cannot be read."""
+    try:
+        return recording.frame(k)
+    except PlenoPIVError:
+        return None
 
 
 def _worst(findings: list[Finding]) -> list[Finding]:
@@ -156,6 +205,7 @@ def _light_and_motion(
     grid: VoxelGrid,
     correlation: CorrelationSettings,
     report: Progress,
+    with_motion: bool,
 ) -> tuple[list[Finding], light.Light, motion.Motion | None]:
     """Exposure, background, seeding and displacement, in the sensor's middle; ``frames``: those of the first pair."""
     report("light", 0, 2)
@@ -169,8 +219,7 @@ def _light_and_motion(
     clean: list[NDArray] = list(frames)
     taken = recording.static_light
     if taken is not None:
-        frames_of_pair = zip(recording.pairs[0], frames, strict=True)
-        clean = [taken.removed(frame, recording.pulse(k))[0] for k, frame in frames_of_pair]
+        clean = [taken.removed(frame, pulse)[0] for pulse, frame in enumerate(frames)]
     fields: list[LightField] = [decode(middle_of(frame, part), where) for frame in clean]
     lights = [light.light_of(field, projector, gain) for field in fields]
     out: list[Finding] = []
@@ -187,6 +236,8 @@ def _light_and_motion(
     out.append(light.seeding(lights[0], camera, hi - lo, (x, y, z)))
     report("light", 2, 2)
     if any(finding.name == "underexposed" and finding.severity == "unusable" for finding in out):
+        return out, lights[0], None
+    if not with_motion:
         return out, lights[0], None
     report("displacement", 0, 1)
     moved = motion.motion(fields[0], fields[1], (lo, hi))

@@ -229,12 +229,16 @@ def run(
             metavar="GB", min=0.0, help="Take no more memory than this: reconstruct in tiles, or do not begin."
         ),
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Measure what the checks call unusable; velocity.nc says quality = forced.")
+    ] = False,
 ) -> None:
-    """From raw images to velocity: calibrate, reconstruct, correlate, report.
+    """From raw images to velocity: check, calibrate, reconstruct, correlate, report.
 
-    Writes velocity.nc (u, v, w in m/s on x, y, z in mm), summary.json, the resolved experiment file and report.html
-    into the output folder, all together at the end: a run that fails leaves nothing behind. A complete run is not
-    replaced without --overwrite.
+    A recording that plenopiv check calls unusable is refused. A pair that cannot be measured is set aside, and the exit
+    code is 3. Writes velocity.nc (u, v, w in m/s on x, y, z in mm), summary.json, the resolved experiment file and
+    report.html into the output folder, all together at the end: a run that fails leaves nothing behind. A complete run
+    is not replaced without --overwrite.
 
     \b
     Example:
@@ -243,7 +247,7 @@ def run(
     """
     from plenopiv.cli.run import run
 
-    _finish("run", run(experiment, overwrite, memory))
+    _finish("run", run(experiment, overwrite, memory, force))
 
 
 @app.command()

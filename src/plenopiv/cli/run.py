@@ -5,26 +5,40 @@ from __future__ import annotations
 from pathlib import Path
 
 from plenopiv.cli.progress import Progress
+from plenopiv.cli.terminal import Outcome
 from plenopiv.experiment import Experiment
 
+SET_ASIDE = 3  # exit code of a run that measured some of the pairs
 
-def run(file: Path, overwrite: bool, memory_gb: float | None = None) -> str:
+
+def run(file: Path, overwrite: bool, memory_gb: float | None = None, force: bool = False) -> Outcome:
     """Run an experiment file and say where the results are.
 
     Raises:
-        PlenoPIVError: the experiment file or its images are wrong, or the output folder holds a complete run.
+        PlenoPIVError: the experiment file or its images are wrong, the recording is unusable, or the output folder
+            holds a complete run.
     """
     experiment = Experiment.load(file)
     from plenopiv.run.series import run as run_series  # here: a mistake in the file is told before the kernels load
 
     with Progress() as progress:
-        result = run_series(experiment, progress, overwrite, memory_gb=memory_gb)
+        result = run_series(experiment, progress, overwrite, memory_gb=memory_gb, force=force)
     folder, summary = experiment.output_directory, result.summary
     replaced, warned = f"{100 * summary['replaced_share']:.1f} %", len(summary["warnings"])
-    return "\n".join(
+    told, aside = summary["not_in_images"], summary["set_aside"]
+    moved = ", ".join(f"{voxels:.2g}" for voxels in told["largest_displacement_voxels"])
+    lines = [
+        f"displacements of up to ({moved}) voxels along (x, y, z), {told['largest_velocity_m_s']:.3g} m/s at "
+        f'dt = {told["dt_s"]:g} s, orientation "{told["orientation"]}": no image tells whether these two are right'
+    ]
+    if aside:
+        lines.append(f"{len(aside)} of {len(aside) + result.velocity.sizes['time']} pairs set aside")
+    text = "\n".join(
         [
+            *lines,
             f"{summary['vectors']} vectors, {replaced} replaced, {warned or 'no'} warning{'s'[: warned != 1]}",
             f"{folder / 'velocity.nc'}",
             f"{folder / 'report.html'}: look at it before the vectors",
         ]
     )
+    return Outcome(text, {"quality": summary["quality"], "set_aside": aside}, SET_ASIDE if aside else 0)

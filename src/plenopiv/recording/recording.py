@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -25,12 +26,13 @@ class Recording:
     ``frames``: sources or plain paths. ``dt_s``: between the two frames of a pair. ``pairs``: (first, second) numbers
     of frames; empty: a sequence, frames in the order of time and ``dt_s`` apart, each with the next. ``dark_path``: an
     image with the sensor covered. ``background_paths``: of the static light, one image, or one for each pulse.
+    ``damaged``: why frames, by number, cannot be used, where others can: their pairs are lost.
     ``background_of_frames``: static light is to be estimated from the frames (``with_static_light``).
 
     Raises:
         PlenoPIVError: fewer than two frames; the white image among them; or a file that is missing, empty, of an
-            unknown format, truncated, in colour, or of another size or depth than the sensor. Only file headers are
-            read for this.
+            unknown format, truncated, in colour, or of another size or depth than the sensor; of frames, where this
+            leaves less than half of the pairs. Only file headers are read for this.
     """
 
     sensor: Sensor
@@ -42,6 +44,7 @@ class Recording:
     dark_path: Path | None = None
     background_paths: tuple[Path, ...] = ()
     background_of_frames: bool = False
+    damaged: dict[int, str] = field(init=False, compare=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         frames = tuple(f if isinstance(f, ImageSource) else only_source(f) for f in self.frames)
@@ -52,10 +55,24 @@ class Recording:
         if self.white_path in [frame.path for frame in frames]:
             raise PlenoPIVError(f"{self.white_path}: is named both in recording.white and in recording.frames")
         others = [*([self.white_source] if self.white_source else []), *map(only_source, self.calibration_paths)]
-        for source in (*frames, *others):
+        for source in others:
             source.check(self.sensor)
         if not self.pairs:
             object.__setattr__(self, "pairs", tuple((k, k + 1) for k in range(len(frames) - 1)))
+        object.__setattr__(self, "damaged", self._damaged())
+
+    def _damaged(self) -> dict[int, str]:
+        """Frames whose headers are not those of an image of the sensor."""
+        out: dict[int, str] = {}
+        for k, source in enumerate(self.frames):
+            try:
+                source.check(self.sensor)
+            except PlenoPIVError as error:
+                out[k] = str(error)
+                lost = sum(1 for pair in self.pairs if out.keys() & set(pair))
+                if 2 * lost > len(self.pairs):
+                    raise PlenoPIVError(next(iter(out.values()))) from None
+        return out
 
     @property
     def is_sequence(self) -> bool:
@@ -93,8 +110,8 @@ class Recording:
 
     def with_static_light(self, found: StaticLight) -> Recording:
         """The same, ``found`` taken off each frame."""
-        other = replace(self, background_of_frames=False)
-        other.__dict__["static_light"] = found
+        other = copy(self)  # files are not looked at again
+        other.__dict__.update(background_of_frames=False, static_light=found)
         return other
 
     def frames_of_pulses(self) -> list[list[int]]:
@@ -137,6 +154,8 @@ class Recording:
         Raises:
             PlenoPIVError: the pixels cannot be decoded, exceed the bit depth, or are all equal.
         """
+        if k in self.damaged:
+            raise PlenoPIVError(self.damaged[k])
         return self._image(self.frames[k])
 
     def white(self) -> NDArray[np.uint16] | None:

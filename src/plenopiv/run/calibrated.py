@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from plenopiv.calibration import find_lattice
+from plenopiv.calibration import LatticeFit, find_lattice
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.chain import Chain
 from plenopiv.experiment import Experiment
@@ -24,8 +24,11 @@ LIT = 0.5  # of the white image's bright pixels: pixels under microlenses
 Progress = Callable[[int, int], None]
 
 
-def calibrated_camera(experiment: Experiment, recording: Recording) -> tuple[PlenopticCamera, dict[str, Any]]:
+def calibrated_camera(
+    experiment: Experiment, recording: Recording, fit: LatticeFit | None = None
+) -> tuple[PlenopticCamera, dict[str, Any]]:
     """The camera with its lattice as the white image shows it, or as the file states it, and how well that fits.
+    ``fit``: of the white image, where it was found before.
 
     Raises:
         PlenoPIVError: the white image cannot be used, or shows no lattice like the camera's.
@@ -33,7 +36,7 @@ def calibrated_camera(experiment: Experiment, recording: Recording) -> tuple[Ple
     camera, white = experiment.camera(), recording.white()
     if white is None:
         return camera, {"lattice": "as stated in the experiment file"}
-    fit = find_lattice(white, camera, str(recording.white_path))
+    fit = fit or find_lattice(white, camera, str(recording.white_path))
     return camera.with_lattice(fit.lattice), {
         "lattice": fit.lattice.kind,
         "pitch_mm": fit.lattice.pitch_mm,
@@ -45,7 +48,7 @@ def calibrated_camera(experiment: Experiment, recording: Recording) -> tuple[Ple
 
 
 def calibrated_chain(
-    experiment: Experiment, recording: Recording, progress: Progress | None = None
+    experiment: Experiment, recording: Recording, fit: LatticeFit | None = None, progress: Progress | None = None
 ) -> tuple[Chain, Recording, dict[str, Any]]:
     """The chain of an experiment, shot noise measured on the white image; the recording, with its static light where
     that was to be estimated from the frames; and what was found in calibration.
@@ -53,7 +56,7 @@ def calibrated_chain(
     Raises:
         PlenoPIVError: as ``calibrated_camera``; static light cannot be estimated.
     """
-    camera, found = calibrated_camera(experiment, recording)
+    camera, found = calibrated_camera(experiment, recording, fit)
     if recording.background_of_frames:
         recording, found["static_light"] = with_static_light(recording, camera, progress)
     reconstruction, correlation = experiment.reconstruction.settings(), experiment.correlation.settings()

@@ -16,6 +16,7 @@ from plenopiv.io.output import OutputFolder
 from plenopiv.io.vtkhdf import write_volume_vtkhdf
 from plenopiv.lightfield import decode
 from plenopiv.report import light_field_stacks, projections, raw_crops, volume_stack, write_report
+from plenopiv.run.judged import Judgement
 from plenopiv.run.log import Clock
 from plenopiv.run.pair import Frame
 from plenopiv.run.plan import Plan
@@ -51,12 +52,13 @@ def write_volume(out: OutputFolder, frame: Frame) -> None:
     write_volume_vtkhdf(out.path(f"volume-{frame.source.stem}.vtkhdf"), frame.found.volume)
 
 
-def joined(fields: Sequence[xarray.Dataset], experiment: Experiment) -> xarray.Dataset:
-    """The fields of successive pairs along time, and where they come from."""
+def joined(fields: Sequence[xarray.Dataset], experiment: Experiment, quality: str) -> xarray.Dataset:
+    """The fields of successive pairs along time, where they come from, and what the checks say of the recording."""
     import xarray
 
     velocity = fields[0] if len(fields) == 1 else xarray.concat(fields, "time", combine_attrs="override")
     velocity.attrs["source"] = f"PlenoPIV {plenopiv.__version__}, {experiment.path.name}"
+    velocity.attrs["quality"] = quality
     return velocity
 
 
@@ -65,6 +67,7 @@ def summary_of(
     velocity: xarray.Dataset,
     frames: Mapping[str, Mapping[str, Any]],
     calibration: Mapping[str, Any],
+    judgement: Judgement,
     plan: Plan,
     warned: Sequence[str],
     clock: Clock,
@@ -75,6 +78,7 @@ def summary_of(
         "versions": versions(),
         "experiment": experiment.path.name,
         "frames": list(frames),
+        **judgement.summary(),
         "calibration": dict(calibration),
         "voxels": plan.chain.grid.size,
         "reconstruction": dict(frames),

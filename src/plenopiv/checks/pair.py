@@ -1,0 +1,81 @@
+"""Each pair of a run as it comes: what spoils one pair of a recording that is good otherwise.
+
+Cheap against a reconstruction: light by blocks of the sensor, the white image's microlenses, saturation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.checks import fit, light, repeats, static
+from plenopiv.checks.findings import Finding
+from plenopiv.sensor import Sensor
+
+BLOCK = 5.0  # pitches: the least side of a block whose light is compared
+MOST_BLOCKS = 8  # along each side
+DARK = 0.25  # of what the other blocks make of it: a block that lost its light
+SHARE = 0.1  # of the blocks, from which a frame counts as partly dark
+FAINT = 0.2  # of the median block's light, below which a block tells nothing
+
+
+@dataclass(frozen=True)
+class PairCheck:
+    """What pairs of one recording are compared with: the upright white image (rows, columns), in counts, or None, and
+    the pitch of its micro-images."""
+
+    sensor: Sensor
+    white: NDArray | None
+    pitch_px: float
+
+    def findings(self, images: tuple[NDArray, NDArray], names: tuple[str, str]) -> list[Finding]:
+        """Findings that are not good on both upright frames, in counts."""
+        a, b = images
+        if repeats.same_image(a, b, self.sensor):
+            words = f"{names[0]} and {names[1]} are one image, down to its noise: nothing moves between them"
+            return [Finding("same-frame", "unusable", words, advice="copy the frames again")]
+        out = [light.clipping(image, self.sensor, name) for image, name in zip(images, names, strict=True)]
+        out += self._of_white(images, names)
+        out += [found for found in (self._partly_dark(images, names),) if found is not None]
+        level = self.sensor.black_level
+        out.append(static.pulses(*(max(float(image.mean()) - level, 0.0) for image in images)))
+        return [finding for finding in out if finding.severity != "good"]
+
+    def _of_white(self, images: tuple[NDArray, NDArray], names: tuple[str, str]) -> list[Finding]:
+        """Frames that were turned or mirrored, or whose microlenses lie elsewhere."""
+        if self.white is None:
+            return []
+        level = self.sensor.black_level
+        out = []
+        seen = fit.fits(images, self.white, self.pitch_px, level, ("as it is",))
+        for image, name, found in zip(images, names, seen, strict=True):
+            if found.agreement["as it is"] < fit.FITS:
+                found = fit.fits([image], self.white, self.pitch_px, level)[0]
+            out.append(fit.finding(found, name))
+        return out
+
+    def _partly_dark(self, images: tuple[NDArray, NDArray], names: tuple[str, str]) -> Finding | None:
+        """A finding where a part of one frame lost the light that the other one has there."""
+        count = int(np.clip(min(images[0].shape) / (BLOCK * self.pitch_px), 1, MOST_BLOCKS))
+        one, other = (_light_of_blocks(image - np.float32(self.sensor.black_level), count) for image in images)
+        clear = np.maximum(one, other) > FAINT * np.median(np.maximum(one, other))
+        if count < 2 or not clear.any() or min(np.median(one[clear]), np.median(other[clear])) <= 0:
+            return None
+        for name, lit, less in ((names[0], other, one), (names[1], one, other)):
+            bright = clear & (lit > FAINT * np.median(lit[clear]))
+            ratio = less[bright] / lit[bright]
+            if ratio.size and np.mean(ratio < DARK * np.percentile(ratio, 75)) > SHARE:
+                dark = 100 * float(np.mean(ratio < DARK * np.percentile(ratio, 75)))
+                words = f"{dark:.0f} % of {name} is dark where the other frame of its pair shows particles"
+                advice = "a shutter, a beam that was cut, or a file that was not written whole; leave the pair out"
+                return Finding("partly-dark", "unusable", words, dark, "%", advice)
+        return None
+
+
+def _light_of_blocks(image: NDArray, count: int) -> NDArray[np.float64]:
+    """Mean light of count x count blocks."""
+    rows, columns = (np.linspace(0, n, count + 1).astype(int) for n in image.shape)
+    sums = np.add.reduceat(np.add.reduceat(image, rows[:-1], 0, dtype=np.float64), columns[:-1], 1)
+    return sums / np.outer(np.diff(rows), np.diff(columns))

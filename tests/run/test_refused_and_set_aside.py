@@ -1,0 +1,112 @@
+"""A recording that the checks call unusable is refused; a pair that is, is set aside."""
+
+import json
+import shutil
+import tomllib
+
+import numpy as np
+import pytest
+import tifffile
+import tomli_w
+from conftest import record
+
+import plenopiv
+from plenopiv.cli import main
+from plenopiv.errors import PlenoPIVError
+from plenopiv.experiment import Experiment
+
+pytestmark = pytest.mark.usefixtures("without_report")
+
+
+@pytest.fixture(scope="module")
+def three_pairs(tmp_path_factory):
+    """Files of three pairs, p1_a.tif to p3_b.tif, and a quick experiment."""
+    folder = tmp_path_factory.mktemp("pairs")
+    for k in (1, 2, 3):
+        made = record(folder / "made", seed=k, overwrite=True).directory
+        for pulse in "ab":
+            shutil.copy(made / f"{pulse}.tif", folder / f"p{k}_{pulse}.tif")
+    shutil.copy(made / "white.tif", folder)
+    tables = tomllib.loads((made / "experiment.toml").read_text())
+    tables["recording"] = {k: v for k, v in tables["recording"].items() if k != "frames"} | {"pairs": "p*_{a,b}.tif"}
+    tables["reconstruction"] = {"iterations": 2}
+    (folder / "experiment.toml").write_text(tomli_w.dumps(tables))
+    shutil.rmtree(folder / "made")
+    return folder
+
+
+@pytest.fixture
+def folder(three_pairs, tmp_path):
+    shutil.copytree(three_pairs, tmp_path / "run")
+    return tmp_path / "run"
+
+
+def turned(image):
+    return image[:, ::-1]
+
+
+def half_dark(image):
+    out = image.copy()
+    out[: image.shape[0] // 2] = 60 + np.random.default_rng(0).normal(0, 1.5, out[: image.shape[0] // 2].shape)
+    return out
+
+
+def cut_off(path):
+    path.write_bytes(path.read_bytes()[:2000])
+
+
+def test_a_damaged_frame_sets_its_pair_aside_and_the_exit_code_says_so(folder, capsys):
+    cut_off(folder / "p2_a.tif")
+    assert main(["run", str(folder / "experiment.toml")]) == 3
+    out = capsys.readouterr().out
+    assert "1 of 3 pairs set aside" in out
+    summary = json.loads((folder / "results" / "summary.json").read_text())
+    (aside,) = summary["set_aside"]
+    assert aside["pair"] == 1
+    assert aside["frames"] == ["p2_a.tif", "p2_b.tif"]
+    assert "p2_a.tif" in aside["reason"]
+    assert summary["quality"] == "doubtful"
+    import xarray
+
+    with xarray.open_dataset(folder / "results" / "velocity.nc") as velocity:
+        assert velocity.time.values == pytest.approx([0.5 * 0.0005, 2.5 * 0.0005])
+        assert velocity.attrs["quality"] == "doubtful"
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("spoilt", "words"), [(turned, "mirrored"), (half_dark, "is dark where the other frame")])
+def test_one_spoilt_frame_sets_its_pair_aside(folder, spoilt, words):
+    image = tifffile.imread(folder / "p2_b.tif")
+    tifffile.imwrite(folder / "p2_b.tif", np.ascontiguousarray(spoilt(image)).astype(np.uint16))
+    with pytest.warns(plenopiv.PlenoPIVWarning, match=f"p2_b.tif is set aside.*{words}"):
+        summary = plenopiv.process(plenopiv.load(folder / "experiment.toml")).summary
+    assert [aside["pair"] for aside in summary["set_aside"]] == [1]
+
+
+@pytest.mark.full
+def test_a_spoilt_first_pair_does_not_condemn_the_others(folder):
+    image = tifffile.imread(folder / "p1_a.tif")
+    tifffile.imwrite(folder / "p1_a.tif", np.ascontiguousarray(turned(image)))
+    with pytest.warns(plenopiv.PlenoPIVWarning, match="p1_a.tif and p1_b.tif is set aside"):
+        summary = plenopiv.process(plenopiv.load(folder / "experiment.toml")).summary
+    assert [aside["pair"] for aside in summary["set_aside"]] == [0]
+
+
+def test_what_is_unusable_is_refused_and_can_be_forced(folder, capsys):
+    for k in (1, 2, 3):
+        shutil.copy(folder / f"p{k}_a.tif", folder / f"p{k}_b.tif")
+    assert main(["run", str(folder / "experiment.toml")]) == 2
+    error = capsys.readouterr().err.strip().split("\n")[-1]
+    assert "p1_a.tif and p1_b.tif are one image" in error
+    assert "--force" in error
+    assert not (folder / "results").exists()
+    result = plenopiv.process(plenopiv.load(folder / "experiment.toml"), force=True)
+    assert result.velocity.attrs["quality"] == result.summary["quality"] == "forced"
+
+
+def test_no_pair_left(folder):
+    for k in (1, 2, 3):
+        cut_off(folder / f"p{k}_b.tif")
+    with pytest.raises(PlenoPIVError, match=r"p\d_b\.tif"):
+        plenopiv.process(Experiment.load(folder / "experiment.toml"))
+    assert not (folder / "results").exists()
