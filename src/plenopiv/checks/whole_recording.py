@@ -211,7 +211,8 @@ def _light_and_motion(
     report("light", 0, 2)
     part = middle(recording.sensor, MIDDLE_PX, MIDDLE_PX)
     camera = replace(seen.camera, sensor=part)
-    where = layout(camera)
+    unusable = recording.unusable
+    where = layout(camera, None if unusable is None else middle_of(unusable, part))
     projector = PlenopticProjector(where, grid, "1-ray")  # only its geometry is used
     gain = NO_WHITE_IMAGE
     if seen.white is not None:
@@ -223,6 +224,9 @@ def _light_and_motion(
     fields: list[LightField] = [decode(middle_of(frame, part), where) for frame in clean]
     lights = [light.light_of(field, projector, gain) for field in fields]
     out: list[Finding] = []
+    if recording.masked is not None:
+        level = np.uint16(recording.sensor.black_level)
+        frames = [np.where(recording.masked, level, frame) for frame in frames]
     each = [
         light.exposure(frame, recording.sensor, lit, name)
         for frame, lit, name in zip(frames, lights, names, strict=False)

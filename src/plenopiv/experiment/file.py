@@ -187,15 +187,17 @@ class Experiment(Table):
         dark = None if table.dark is None else folder / table.dark
         background = tuple(folder / name for name in table.background if not isinstance(table.background, str))
         of_frames = table.background == "minimum"
+        mask = folder / table.mask if isinstance(table.mask, str) else table.mask
         targets = [folder / plane.image for plane in self.calibration.planes] if self.calibration else []
-        others = [path for path in (white, dark, *background, *targets) if path is not None]
+        named = (white, dark, *background, mask if isinstance(mask, Path) else None, *targets)
+        others = [path for path in named if path is not None]
         if table.pairs is None:
             assert table.frames is not None
             frames, pairs = sequence(folder, table.frames, others), Pairs()
         else:
             frames, pairs = pairs_of(folder, table.pairs, table.stacked, others)
         sensor, dt_s, orientation = self.camera().sensor, table.dt_s, table.orientation
-        return Recording(sensor, frames, white, dt_s, orientation, pairs, dark, background, of_frames)
+        return Recording(sensor, frames, white, dt_s, orientation, pairs, dark, background, of_frames, mask)
 
     def warnings(self) -> list[str]:
         """Warnings before a run, one line each; none of them stops the run."""
@@ -250,6 +252,8 @@ class Experiment(Table):
                     recording[key] = _each(recording[key], moved)
             if recording["background"] != "none":
                 recording["background"] = _each(recording["background"], moved)
+            if isinstance(self.recording_table.mask, str):
+                recording["mask"] = moved(self.recording_table.mask)
             output["directory"] = moved(output["directory"])
         return tomli_w.dumps(tables)
 

@@ -12,6 +12,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidat
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.reconstruction.settings import CandidateRule, LightFieldMethod, ReconstructionSettings, Weights
 
+FARTHEST_PX = 1e6  # corners of polygons
 PositiveFloat = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 # Strict models refuse lists for tuples; numbers inside stay strict.
@@ -60,6 +61,24 @@ def _background(value: Any) -> str | tuple[str, ...]:
     raise ValueError(
         'must be "none", "minimum" (of the frames themselves), an image of the static light, or two, one for each pulse'
     )
+
+
+def _mask(value: Any) -> str | tuple[tuple[tuple[float, float], ...], ...]:
+    if isinstance(value, str) and value:
+        return value
+    if isinstance(value, list | tuple) and value and all(_is_polygon(each) for each in value):
+        return tuple(tuple((float(column), float(row)) for column, row in each) for each in value)
+    raise ValueError(
+        "must be an image of a frame's size, 0 where it is masked, or a list of polygons, each of three or more "
+        "corners [column, row]: [[[0, 0], [80, 0], [80, 60]]]"
+    )
+
+
+def _is_polygon(value: Any) -> bool:
+    if not isinstance(value, list | tuple) or len(value) < 3:
+        return False
+    corners = all(isinstance(corner, list | tuple) and len(corner) == 2 for corner in value)
+    return corners and all(type(n) in (int, float) and abs(n) <= FARTHEST_PX for corner in value for n in corner)
 
 
 FileName = Annotated[str, Field(min_length=1)]
@@ -170,7 +189,8 @@ class RecordingTable(Table):
     Either ``frames``, a sequence ``dt_s`` apart, or ``pairs`` of a double-frame camera, ``dt_s`` between the two
     (``recording.pairs``). ``dark``: an image with the sensor covered. ``background``: an image of the static light, or
     one for each pulse (``recording.static_light``), or "minimum" of the frames themselves (``recording.background``).
-    ``orientation`` has no default: a wrong one turns every velocity by 180 degrees without a sign of it.
+    ``mask``: an image that is 0, or polygons, where pixels shall not be used (``recording.masks``). ``orientation`` has
+    no default: a wrong one turns every velocity by 180 degrees without a sign of it.
     """
 
     white: FileName | None = None
@@ -179,6 +199,7 @@ class RecordingTable(Table):
     stacked: Literal["top-first", "bottom-first"] | None = None
     dark: FileName | None = None
     background: Annotated[str | tuple[str, ...], PlainValidator(_background), STRING_OR_ARRAY] = "none"
+    mask: Annotated[str | tuple[Any, ...], PlainValidator(_mask), STRING_OR_ARRAY] | None = None
     dt_s: PositiveFloat
     orientation: Literal["upright", "sensor"]
 

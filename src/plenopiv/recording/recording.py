@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.recording.masks import Polygon, mask_of_image, mask_of_polygons
 from plenopiv.recording.sources import ImageSource, only_source
 from plenopiv.recording.static_light import StaticLight, static_light
 from plenopiv.sensor import Orientation, Sensor, upright
@@ -28,11 +29,13 @@ class Recording:
     image with the sensor covered. ``background_paths``: of the static light, one image, or one for each pulse.
     ``damaged``: why frames, by number, cannot be used, where others can: their pairs are lost.
     ``background_of_frames``: static light is to be estimated from the frames (``with_static_light``).
+    ``mask``: an image that is 0 where pixels shall not be used, or polygons around these (``masks``).
 
     Raises:
         PlenoPIVError: fewer than two frames; the white image among them; or a file that is missing, empty, of an
             unknown format, truncated, in colour, or of another size or depth than the sensor; of frames, where this
-            leaves less than half of the pairs. Only file headers are read for this.
+            leaves less than half of the pairs; or a mask that cannot be used. Only file headers are read for this, and
+            the mask.
     """
 
     sensor: Sensor
@@ -44,6 +47,7 @@ class Recording:
     dark_path: Path | None = None
     background_paths: tuple[Path, ...] = ()
     background_of_frames: bool = False
+    mask: Path | tuple[Polygon, ...] | None = None
     damaged: dict[int, str] = field(init=False, compare=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -60,6 +64,7 @@ class Recording:
         if not self.pairs:
             object.__setattr__(self, "pairs", tuple((k, k + 1) for k in range(len(frames) - 1)))
         object.__setattr__(self, "damaged", self._damaged())
+        _ = self.masked
 
     def _damaged(self) -> dict[int, str]:
         """Frames whose headers are not those of an image of the sensor."""
@@ -94,9 +99,37 @@ class Recording:
         """
         if not self.calibration_paths:
             return None
-        dark = None if self.dark_path is None else self._counts(only_source(self.dark_path))
-        pulses = [self._counts(only_source(path)) for path in self.background_paths]
-        return static_light(self.sensor, dark, (pulses[0], pulses[-1]) if pulses else None)
+        pulses = self.backgrounds()
+        return static_light(self.sensor, self.dark(), (pulses[0], pulses[-1]) if pulses else None)
+
+    @cached_property
+    def masked(self) -> NDArray[np.bool_] | None:
+        """Pixels (rows, columns) of an upright image that ``mask`` leaves out; None without one.
+
+        Raises:
+            PlenoPIVError: as ``masks``.
+        """
+        if self.mask is None:
+            return None
+        found = mask_of_image if isinstance(self.mask, Path) else mask_of_polygons
+        return np.ascontiguousarray(upright(found(self.mask, self.sensor), self.orientation))  # type: ignore[operator]
+
+    @cached_property
+    def unusable(self) -> NDArray[np.bool_] | None:
+        """Pixels (rows, columns) of an upright image that are no equations: masked, hot, dead, or saturated by static
+        light; None where there are none of these.
+
+        Raises:
+            PlenoPIVError: an image cannot be used, or no pixel is left.
+        """
+        static = self.static_light
+        each = [part for part in (self.masked, None if static is None else static.unusable) if part is not None]
+        if not each:
+            return None
+        together = np.logical_or.reduce(each)
+        if together.all():
+            raise PlenoPIVError("recording.mask: no pixel is left; the others are hot, dead or full of static light")
+        return together
 
     def dark_level(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Counts of each pixel without light, and which pixels a dark image shows to be hot or dead.
@@ -104,13 +137,13 @@ class Recording:
         Raises:
             PlenoPIVError: the dark image cannot be used.
         """
-        dark = None if self.dark_path is None else self._counts(only_source(self.dark_path))
-        found = static_light(self.sensor, dark, None)
+        found = static_light(self.sensor, self.dark(), None)
         return found.dark, found.unusable
 
     def with_static_light(self, found: StaticLight) -> Recording:
         """The same, ``found`` taken off each frame."""
         other = copy(self)  # files are not looked at again
+        other.__dict__.pop("unusable", None)
         other.__dict__.update(background_of_frames=False, static_light=found)
         return other
 
@@ -162,6 +195,14 @@ class Recording:
         """The white image, like ``frame``; None where the recording has none."""
         return None if self.white_source is None else self._image(self.white_source)
 
+    def dark(self) -> NDArray[np.uint16] | None:
+        """Upright counts of the image with the sensor covered; None where the recording has none."""
+        return None if self.dark_path is None else self._counts(only_source(self.dark_path))
+
+    def backgrounds(self) -> list[NDArray[np.uint16]]:
+        """Upright counts of the static light, of both pulses or of each."""
+        return [self._counts(only_source(path)) for path in self.background_paths]
+
     @cached_property
     def white_source(self) -> ImageSource | None:
         """Where the white image is; None where the recording has none."""
@@ -169,7 +210,10 @@ class Recording:
 
     def _image(self, source: ImageSource) -> NDArray[np.uint16]:
         counts = self._counts(source)
-        share = np.count_nonzero(counts >= self.sensor.full_scale) / counts.size
+        saturated = counts >= self.sensor.full_scale
+        if self.masked is not None:
+            saturated &= ~self.masked
+        share = np.count_nonzero(saturated) / counts.size
         if share > SATURATED_SHARE:
             warnings.warn(
                 f"{source}: {100 * share:.2g} % of the pixels are saturated ({self.sensor.full_scale} counts); their "

@@ -69,6 +69,18 @@ class ImageSource:
         Raises:
             PlenoPIVError: as ``check``; the pixels do not decode, exceed the bit depth, or are all equal.
         """
+        counts = _aligned(self.values(sensor), sensor, str(self))
+        highest = int(counts.max())
+        if highest == int(counts.min()):
+            raise PlenoPIVError(f"{self}: every pixel is {highest}; the image is blank")
+        return counts.astype(np.uint16, copy=False)
+
+    def values(self, sensor: Sensor | None = None) -> NDArray:
+        """What the file holds of the image, (rows, columns), of which the header alone is checked.
+
+        Raises:
+            PlenoPIVError: as ``check``; the pixels do not decode.
+        """
         reader, fits = formats.reader_of(self.path), partial(self._compare, sensor)
         if reader is None:
             counts = tiff.counts(self.path, self.page, fits)
@@ -78,11 +90,7 @@ class ImageSource:
         if self.half:
             middle = counts.shape[0] // 2
             counts = counts[:middle] if self.half == "top" else counts[middle:]
-        counts = _aligned(counts, sensor, str(self))
-        highest = int(counts.max())
-        if highest == int(counts.min()):
-            raise PlenoPIVError(f"{self}: every pixel is {highest}; the image is blank")
-        return counts.astype(np.uint16, copy=False)
+        return counts
 
     def tags(self) -> dict[int, object]:
         """Tags of a TIFF file by their code (``tiff.tiff_tags``); none of others.

@@ -60,8 +60,7 @@ def calibrated_chain(
     if recording.background_of_frames:
         recording, found["static_light"] = with_static_light(recording, camera, progress)
     reconstruction, correlation = experiment.reconstruction.settings(), experiment.correlation.settings()
-    static = recording.static_light
-    unusable = () if static is None else (static.unusable,)
+    unusable = () if recording.unusable is None else (recording.unusable,)
     chain = Chain((camera,), experiment.grid(), reconstruction, correlation, unusable=unusable)
     where, white = chain.layout, recording.white()  # the projection is made now, the layout once
     return (chain if white is None else chain.with_noise(counts_per_electron(decode(white, where)))), recording, found

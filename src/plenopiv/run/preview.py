@@ -18,11 +18,13 @@ from typing import Any
 
 import numpy as np
 import tifffile
+from numpy.typing import NDArray
 
 from plenopiv.cameras.coverage import pixels_that_see, seen_by_every_view_mm
 from plenopiv.design.advice import Limits, Window
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
+from plenopiv.recording import Recording
 from plenopiv.report.figures import png, velocity_figure
 from plenopiv.run.pair import Progress
 from plenopiv.run.series import RunResult, run
@@ -57,10 +59,10 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
     try:
         images = stage / IMAGES
         images.mkdir()
-        pictures = {"a.tif": recording.frame(0), "b.tif": recording.frame(1), "white.tif": recording.white()}
-        for name, counts in pictures.items():
-            if counts is not None:
-                tifffile.imwrite(images / name, np.ascontiguousarray(middle_of(counts, part)))
+        pictures, named = _pictures(recording, part)
+        for name, picture in pictures.items():
+            tifffile.imwrite(images / name, np.ascontiguousarray(picture))
+        tables["recording"] = named | {"dt_s": recording.dt_s, "orientation": "upright"}
         result = run(Experiment.from_dict(tables, images / "experiment.toml"), progress)
         (stage / "preview.png").write_bytes(png(velocity_figure(result.velocity)))
         stage.chmod(0o755)  # a temporary folder is its owner's alone
@@ -71,8 +73,27 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
     return replace(result, directory=folder)
 
 
+def _pictures(recording: Recording, part: Sensor) -> tuple[dict[str, NDArray], dict[str, Any]]:
+    """The middle of the images of a recording's first pair and of those that calibrate it, upright, by the names of
+    their files; and these names as [recording] has them."""
+    first, second = recording.pairs[0]
+    whole: dict[str, NDArray] = {"a.tif": recording.frame(first), "b.tif": recording.frame(second)}
+    named: dict[str, Any] = {"frames": ["a.tif", "b.tif"]} if recording.is_sequence else {"pairs": [["a.tif", "b.tif"]]}
+    if (white := recording.white()) is not None:
+        whole["white.tif"], named["white"] = white, "white.tif"
+    if (dark := recording.dark()) is not None:
+        whole["dark.tif"], named["dark"] = dark, "dark.tif"
+    if backgrounds := recording.backgrounds():
+        files = [f"background-{number}.tif" for number in range(1, len(backgrounds) + 1)]
+        whole |= dict(zip(files, backgrounds, strict=True))
+        named["background"] = files
+    if recording.masked is not None and middle_of(recording.masked, part).any():
+        whole["mask.tif"], named["mask"] = np.where(recording.masked, np.uint8(0), np.uint8(255)), "mask.tif"
+    return {name: middle_of(image, part) for name, image in whole.items()}, named
+
+
 def cropped(experiment: Experiment) -> tuple[Sensor, dict[str, Any]]:
-    """The part of the sensor that a preview uses, and its experiment's tables, whose paths start from the images.
+    """The part of the sensor that a preview uses, and its experiment's tables, [recording] still that of all.
 
     Raises:
         PlenoPIVError: the volume leaves out the optical axis or is too small for a window.
@@ -99,10 +120,7 @@ def cropped(experiment: Experiment) -> tuple[Sensor, dict[str, Any]]:
             f"{experiment.path}: all views together see too little of the volume's middle for a preview"
         )
     tables = experiment.model_dump(by_alias=True, exclude_none=True)
-    tables["camera"]["sensor"] |= {"columns": part.columns, "rows": part.rows}
-    tables["recording"] |= {"frames": ["a.tif", "b.tif"], "orientation": "upright"}
-    if "white" in tables["recording"]:
-        tables["recording"]["white"] = "white.tif"
+    tables["camera"]["sensor"] |= {"columns": part.columns, "rows": part.rows, "alignment": "low"}
     tables["volume"] |= {"x_mm": list(limits[0]), "y_mm": list(limits[1]), "voxel_mm": list(voxel)}
     tables["reconstruction"]["iterations"] = min(ITERATIONS, experiment.reconstruction.iterations)
     tables["correlation"]["windows"] = _windows(
