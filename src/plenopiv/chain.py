@@ -25,6 +25,7 @@ from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.multigrid import Progress as CorrelationProgress
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.solid import Solid
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import Layout, layout
 from plenopiv.projection.pinhole.projector import PinholeProjector
@@ -55,7 +56,7 @@ class Chain:
     ``poses``: of several plenoptic cameras, how each stands; the first camera's frame is the object frame.
     ``counts_per_electron``: of the pixels' shot noise. ``tiles``: rows of voxels to be reconstructed one after the
     other, none for the whole volume at once. ``unusable``: of each plenoptic camera, pixels of an upright image (rows,
-    columns) that are no equations; empty for none.
+    columns) that are no equations; empty for none. ``solid``: the parts of the volume that a body fills.
     """
 
     cameras: tuple[Camera, ...]
@@ -66,6 +67,7 @@ class Chain:
     poses: tuple[Pose, ...] = (FRONT,)
     tiles: tuple[Tile, ...] = ()
     unusable: tuple[NDArray[np.bool_] | None, ...] = field(default=(), compare=False)
+    solid: Solid | None = field(default=None, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields alone: the projection is made again where it is needed."""
@@ -183,7 +185,7 @@ class Chain:
         weights = self.plane_weights
         if weights is not None:
             a, b = (volume.with_planes_scaled(weights) for volume in (a, b))
-        return measure(a, b, self.correlation, progress)
+        return measure(a, b, self.correlation, progress, self.solid)
 
     def velocity(
         self,

@@ -33,7 +33,8 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
     Coordinates x, y, z in mm in the object frame (z = 0 the focal plane, +z toward the camera), vectors at their
     mid-time positions; ``time_s`` the mid-time of the two frames. Variables: u, v, w in m/s after replacement; u_raw,
     v_raw, w_raw before (``DisplacementField.raw``); u_std, v_std, w_std in m/s, the standard deviations of u, v, w;
-    valid (int8, 1 = measured, 0 = replaced); peak_ratio.
+    valid (int8, 1 = measured, 0 = replaced); peak_ratio; where a body was named inside_body (int8), 1 where the window
+    lies more than half in it: all others are then NaN, and valid is 0.
     """
     import xarray as xr
 
@@ -74,6 +75,17 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
             "comment": "of sub-windows the inverse of the mean inverse",
         },
     )
+    if field.solid is not None:
+        variables["inside_body"] = (
+            _DIMS,
+            field.solid[None].astype(np.int8),
+            {
+                "long_name": "window more than half in the solid body, not measured",
+                "standard_name": "status_flag",
+                "flag_values": np.array([0, 1], np.int8),
+                "flag_meanings": "in_fluid inside_body",
+            },
+        )
 
     meaning = {"x": "to the right as the camera sees", "y": "up as the camera sees", "z": "toward the camera"}
     coordinates: dict = {
@@ -100,6 +112,23 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
             "dt_s": float(dt_s),
         },
     )
+
+
+def replaced(field: xr.Dataset) -> xr.DataArray:
+    """Which vectors of a field were replaced: those that are not valid, without those that lie in a body."""
+    invalid = field["valid"] != 1
+    return invalid & (field["inside_body"] != 1) if "inside_body" in field else invalid
+
+
+def vectors_inside_body(field: xr.Dataset) -> int | None:
+    """How many vectors were not measured because they lie in a body; None where none was named."""
+    return int((field["inside_body"] == 1).sum()) if "inside_body" in field else None
+
+
+def replaced_share(field: xr.Dataset) -> float:
+    """Share of the vectors outside a body that were replaced."""
+    outside = field["valid"].size - (vectors_inside_body(field) or 0)
+    return float(replaced(field).sum()) / max(outside, 1)
 
 
 def velocity_gradient(field: xr.Dataset) -> NDArray[np.float64]:

@@ -99,6 +99,7 @@ def _experiment(file: Path) -> Lines:
 
 def _velocity(file: Path) -> Lines:
     from plenopiv.io.netcdf import read_velocity
+    from plenopiv.velocity import replaced_share, vectors_inside_body
 
     dataset = read_velocity(file)
     sizes = dataset.sizes
@@ -106,8 +107,10 @@ def _velocity(file: Path) -> Lines:
     valid = dataset["valid"].values == 1
     lines = [
         ("vectors", f"{sizes['x']} x {sizes['y']} x {sizes['z']} at {sizes['time']} time(s), {vectors} in all"),
-        ("valid", f"{100 * valid.mean():.1f} % measured, the rest replaced"),
+        ("valid", f"{100 * (1 - replaced_share(dataset)):.1f} % measured, the rest replaced"),
     ]
+    if (inside := vectors_inside_body(dataset)) is not None:
+        lines.append(("inside body", f"{inside}, not measured"))
     for axis in "xyz":
         at = dataset[axis].values
         lines.append((f"{axis}", f"{at.min():.4g} to {at.max():.4g} mm"))

@@ -33,10 +33,12 @@ def run(file: Path, overwrite: bool, memory_gb: float | None = None, force: bool
     ]
     if aside:
         lines.append(f"{len(aside)} of {len(aside) + result.velocity.sizes['time']} pairs set aside")
+    inside = summary.get("vectors_inside_body")
+    in_body = "" if inside is None else f" ({inside} inside the body, not measured)"
     text = "\n".join(
         [
             *lines,
-            f"{summary['vectors']} vectors, {replaced} replaced, {warned or 'no'} warning{'s'[: warned != 1]}",
+            f"{summary['vectors']} vectors{in_body}, {replaced} replaced, {warned or 'no'} warning{'s'[: warned != 1]}",
             f"{folder / 'velocity.nc'}",
             f"{folder / 'report.html'}: look at it before the vectors",
         ]

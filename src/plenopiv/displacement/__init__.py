@@ -12,6 +12,7 @@ predictor.py    displacement between the vectors; the filter between passes
 splines.py      sixteen samples of a volume at once, by cubic B-splines
 deformation.py  both volumes sampled half a displacement apart
 validation.py   normalised median test, and the replacement of outliers
+solid.py        windows in a solid body, which are not measured
 sub_windows.py  sub-window averaging: vectors as means over smaller windows
 noise_amplification.py  noise of the vectors over that of one correlation, after iteration and averaging
 uncertainty.py  standard deviation of every vector

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ class DisplacementField:
     With sub-windows the inverse of the mean inverse over the window.
     ``std``: (3, nz, ny, nx) float64, standard deviation of ``displacement`` (dx, dy, dz) in voxels, finite; see
     ``displacement.uncertainty`` for what it covers.
+    ``solid``: (nz, ny, nx), windows more than half in a solid body, which were not measured: there ``displacement``,
+    ``raw``, ``peak_ratio`` and ``std`` are NaN and ``valid`` is False. None where no body was named.
     """
 
     z: NDArray[np.float64]
@@ -33,3 +35,10 @@ class DisplacementField:
     valid: NDArray[np.bool_]
     peak_ratio: NDArray[np.float32]
     std: NDArray[np.float64]
+    solid: NDArray[np.bool_] | None = None
+
+    def without(self, solid: NDArray[np.bool_]) -> DisplacementField:
+        """The same, the vectors of ``solid`` windows (nz, ny, nx) not measured."""
+        each = {name: np.where(solid, np.nan, getattr(self, name)) for name in ("displacement", "raw", "std")}
+        ratio = np.where(solid, np.float32(np.nan), self.peak_ratio)
+        return replace(self, **each, valid=self.valid & ~solid, peak_ratio=ratio, solid=solid)

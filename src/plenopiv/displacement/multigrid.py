@@ -20,6 +20,7 @@ from plenopiv.displacement.offset import discrete_offset
 from plenopiv.displacement.peaks import find_peaks
 from plenopiv.displacement.predictor import SplineField, fit_spline, smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.solid import Solid
 from plenopiv.displacement.sub_windows import average_sub_windows
 from plenopiv.displacement.uncertainty import ScatterCorrelator, standard_deviation
 from plenopiv.displacement.validation import find_outliers, replace_invalid
@@ -121,14 +122,16 @@ def first_pass(
     settings: CorrelationSettings,
     step_done: Callable[[int, int], None] | None = None,
     scatter: bool = False,
+    closed: NDArray[np.bool_] | None = None,
 ) -> PassResult:
     """Correlate all windows of two volumes as they are, validate, and measure each vector again by discrete window
     offset (``discrete_offset``).
 
-    Arguments as for ``correlation_pass``; peak ratio and variance are those before the offset.
+    Arguments as for ``correlation_pass``, ``closed`` for ``_validated``; peak ratio and variance are those before the
+    offset.
     """
     result = correlation_pass(a, b, windows, None, settings, settings.search, step_done, scatter)
-    valid, displacement = _validated(result, settings)
+    valid, displacement = _validated(result, settings, closed)
     again, found = discrete_offset(a, b, windows, displacement)
     # what is not found again stays as the transforms had it; a vector that was not valid has no second peak
     displacement = np.where(found | valid, again, result.displacement)
@@ -185,12 +188,19 @@ def _layers(
     yield planes
 
 
-def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progress | None = None) -> DisplacementField:
+def measure(
+    a: Volume,
+    b: Volume,
+    settings: CorrelationSettings,
+    progress: Progress | None = None,
+    solid: Solid | None = None,
+) -> DisplacementField:
     """Displacement field from volume ``a`` to volume ``b``, in voxels.
 
     Passes run from the coarsest windows to the finest (Scarano & Riethmuller 2000; in 3D Elsinga et al. 2006); vectors
     are validated after each, and those of the first measured again by discrete window offset.
-    ``progress``: called as (what, done, total). Warns when particles move more than a quarter of the first window;
+    ``progress``: called as (what, done, total). ``solid``: vectors in it are not measured, and no other depends on what
+    the volumes hold in such windows. Warns when particles move more than a quarter of the first window;
     raises ``PlenoPIVError`` when the volumes differ in grid, windows do not fit, or nothing is found.
     """
     if a.grid != b.grid:
@@ -204,13 +214,14 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
     predictor: SplineField | None = None
     for number, windows in enumerate(plan, 1):
         report = None if progress is None else partial(progress, f"correlation pass {number} of {len(plan)}")
+        closed = None if solid is None else solid.filled(windows, settings.windows[-1])
         scatter = number == len(plan)
         if predictor is None:
-            result = first_pass(a, b, windows, settings, report, scatter)
+            result = first_pass(a, b, windows, settings, report, scatter, closed)
         else:
             search = settings.residual_search if number > len(plan) - settings.fine_passes else settings.search
             result = correlation_pass(a, b, windows, predictor, settings, search, report, scatter)
-        valid, displacement = _validated(result, settings)
+        valid, displacement = _validated(result, settings, closed)
         if number < len(plan):
             smooth = displacement
             if settings.filter_predictor:
@@ -224,13 +235,18 @@ def measure(a: Volume, b: Volume, settings: CorrelationSettings, progress: Progr
     if whole is not None:
         found = average_sub_windows(*found, plan[-1], whole)
     z, y, x = (whole or plan[-1]).centres
-    return DisplacementField(z, y, x, *found, std)
+    field = DisplacementField(z, y, x, *found, std)
+    return field if solid is None else field.without(solid.filled(whole or plan[-1], settings.windows[-1]))
 
 
-def _validated(result: PassResult, settings: CorrelationSettings) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Which vectors are valid, and the displacement with the others replaced."""
+def _validated(
+    result: PassResult, settings: CorrelationSettings, closed: NDArray[np.bool_] | None = None
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Which vectors are valid, and the displacement with the others replaced. ``closed`` windows (nz, ny, nx), in a
+    solid body, count as if they held no light."""
     threshold, floor = settings.outlier_threshold, settings.outlier_floor_voxels
-    valid = result.found & ~find_outliers(result.displacement, result.found, threshold, floor)
+    measured = result.found if closed is None else result.found & ~closed
+    valid = measured & ~find_outliers(result.displacement, measured, threshold, floor)
     return valid, replace_invalid(result.displacement, valid)
 
 

@@ -254,6 +254,8 @@ class Experiment(Table):
                 recording["background"] = _each(recording["background"], moved)
             if isinstance(self.recording_table.mask, str):
                 recording["mask"] = moved(self.recording_table.mask)
+            if self.volume.body is not None:
+                tables["volume"]["body"] = moved(self.volume.body)
             output["directory"] = moved(output["directory"])
         return tomli_w.dumps(tables)
 

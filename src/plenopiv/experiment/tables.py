@@ -218,7 +218,8 @@ class RecordingTable(Table):
 class VolumeTable(Table):
     """``[volume]``: outer faces, in the object frame (z = 0 the focal plane, + toward the camera).
 
-    ``unseen``: whether parts that no view sees are an error or stay empty.
+    ``unseen``: whether parts that no view sees are an error or stay empty. ``body``: an STL file, in mm in the object
+    frame, of what is solid (``body``).
     """
 
     x_mm: Pair
@@ -226,6 +227,7 @@ class VolumeTable(Table):
     z_mm: Pair
     voxel_mm: PositiveTriple
     unseen: Literal["error", "empty"] = "error"
+    body: FileName | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> VolumeTable:

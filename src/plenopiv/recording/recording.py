@@ -111,8 +111,12 @@ class Recording:
         """
         if self.mask is None:
             return None
-        found = mask_of_image if isinstance(self.mask, Path) else mask_of_polygons
-        return np.ascontiguousarray(upright(found(self.mask, self.sensor), self.orientation))  # type: ignore[operator]
+        stored = (
+            mask_of_image(self.mask, self.sensor)
+            if isinstance(self.mask, Path)
+            else mask_of_polygons(self.mask, self.sensor)
+        )
+        return np.ascontiguousarray(upright(stored, self.orientation))
 
     @cached_property
     def unusable(self) -> NDArray[np.bool_] | None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from plenopiv.accuracy.profile import DepthProfile
 from plenopiv.report.figures import BLUE, COLOURS, GREEN, INK, ORANGE, STYLE, bar, faces, written
+from plenopiv.velocity import replaced
 
 if TYPE_CHECKING:
     import xarray
@@ -49,11 +50,11 @@ def residual_figure(residuals: Mapping[str, Sequence[float]]) -> Figure:
 @rc_context(STYLE)
 def validation_figure(dataset: xarray.Dataset) -> Figure:
     """Where vectors were replaced, seen along z and along y, and by depth; and how clear the peaks were by depth."""
-    replaced = dataset["valid"].transpose("time", "z", "y", "x").values != 1
+    gone = replaced(dataset).transpose("time", "z", "y", "x").values
     x, y, z = (dataset[axis].values for axis in "xyz")
     figure = Figure(figsize=(12.5, 3.8), layout=ConstrainedLayoutEngine(wspace=0.08))
     front, above, depth = figure.subplots(1, 3)
-    share = 100 * replaced.mean(0)
+    share = 100 * gone.mean(0)
     top = max(float(max(share.mean(0).max(), share.mean(1).max())), 1.0)
     for axes, image, (h, v), labels, along in (
         (front, share.mean(0), (x, y), ("x (mm)", "y (mm)"), "z"),

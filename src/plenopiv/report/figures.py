@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from plenopiv.errors import printable
 from plenopiv.report.stacks import joined
 from plenopiv.report.views import Projections, RawCrop
+from plenopiv.velocity import replaced
 
 if TYPE_CHECKING:
     import xarray
@@ -129,9 +130,9 @@ def velocity_figure(dataset: xarray.Dataset) -> Figure:
             color=INK, angles="xy", scale_units="xy", scale=(longest or 1.0) / (1.6 * spacing), width=0.004,
         )  # fmt: skip
         axes.quiverkey(arrows, 0.92, 1.05, _round(longest), f"{_round(longest):g} m/s", labelpos="W")
-        replaced = plane["valid"].values != 1
-        if replaced.any():
-            rows, columns = np.nonzero(replaced)
+        crossed = replaced(plane).values
+        if crossed.any():
+            rows, columns = np.nonzero(crossed)
             axes.plot(h[columns], v[rows], "x", color=INK, markersize=3, alpha=0.6)
         position = float(shown[normal].values[middle])
         axes.set_title(f"{name} at {normal} = {position:.2f} mm", loc="left")

@@ -17,6 +17,7 @@ from plenopiv.report.document import bars, flat, page, picture, plain, section, 
 from plenopiv.report.field import field_data
 from plenopiv.report.stacks import Stack
 from plenopiv.report.views import Projections, RawCrop
+from plenopiv.velocity import replaced_share, vectors_inside_body
 
 if TYPE_CHECKING:
     import xarray
@@ -134,7 +135,7 @@ def _accuracy(accuracy: Mapping[str, Any], drawn: _Figures) -> list[str]:
 
 def _validation(experiment: Experiment, dataset: xarray.Dataset, drawn: _Figures) -> str:
     dt_s, voxel_mm = experiment.recording_table.dt_s, experiment.volume.voxel_mm
-    share = 100 * float(np.mean(dataset["valid"].values != 1))
+    share = 100 * replaced_share(dataset)
     content = [
         drawn("validation", charts.validation_figure(dataset), "where vectors were replaced"),
         subheading(
@@ -157,6 +158,8 @@ def _validation(experiment: Experiment, dataset: xarray.Dataset, drawn: _Figures
         f"{share:.1f} % of the vectors were replaced by a fit to their neighbours. A few per cent are usual; clusters "
         "show where something is wrong."
     )
+    if (inside := vectors_inside_body(dataset)) is not None:
+        words += f" {inside} vectors lie more than half inside the body: they were not measured, and are left blank."
     return section("Validation", words, *content, name="validation")
 
 
@@ -244,7 +247,7 @@ def _others(summary: Mapping[str, Any]) -> dict[str, Any]:
 
 def _key_numbers(experiment: Experiment, dataset: xarray.Dataset, timings: Mapping[str, float]) -> str:
     sizes = dataset.sizes
-    valid = float(np.mean(dataset["valid"].values == 1))
+    valid = 1 - replaced_share(dataset)
     spacing = [
         float(np.diff(dataset[axis].values[:2])[0]) if sizes[axis] > 1 else float("nan") for axis in ("x", "y", "z")
     ]

@@ -16,6 +16,7 @@ from plenopiv.lightfield import decode, layout
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
 from plenopiv.recording.background import static_light_of_frames
+from plenopiv.run.solid import solid_of
 from plenopiv.sensor import middle, middle_of
 
 MIDDLE_PX = 1600  # side of the sensor's middle, in which shot noise is measured at first
@@ -54,14 +55,15 @@ def calibrated_chain(
     that was to be estimated from the frames; and what was found in calibration.
 
     Raises:
-        PlenoPIVError: as ``calibrated_camera``; static light cannot be estimated.
+        PlenoPIVError: as ``calibrated_camera`` and ``solid_of``; static light cannot be estimated.
     """
+    solid = solid_of(experiment)
     camera, found = calibrated_camera(experiment, recording, fit)
     if recording.background_of_frames:
         recording, found["static_light"] = with_static_light(recording, camera, progress)
     reconstruction, correlation = experiment.reconstruction.settings(), experiment.correlation.settings()
     unusable = () if recording.unusable is None else (recording.unusable,)
-    chain = Chain((camera,), experiment.grid(), reconstruction, correlation, unusable=unusable)
+    chain = Chain((camera,), experiment.grid(), reconstruction, correlation, unusable=unusable, solid=solid)
     where, white = chain.layout, recording.white()  # the projection is made now, the layout once
     return (chain if white is None else chain.with_noise(counts_per_electron(decode(white, where)))), recording, found
 
@@ -81,6 +83,8 @@ def with_static_light(
         part = middle(sensor, MIDDLE_PX, MIDDLE_PX)
         gain = counts_per_electron(decode(middle_of(white, part), layout(replace(camera, sensor=part))))
         lit = white - dark > LIT * np.percentile(white - dark, 90)
+    if recording.masked is not None:
+        lit = lit & ~recording.masked
     found, estimates = static_light_of_frames(
         recording.frame, recording.frames_of_pulses(), sensor, dark, gain, hot, lit, progress
     )

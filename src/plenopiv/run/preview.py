@@ -20,6 +20,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from plenopiv.body import read_body
 from plenopiv.cameras.coverage import pixels_that_see, seen_by_every_view_mm
 from plenopiv.design.advice import Limits, Window
 from plenopiv.errors import PlenoPIVError
@@ -28,6 +29,7 @@ from plenopiv.recording import Recording
 from plenopiv.report.figures import png, velocity_figure
 from plenopiv.run.pair import Progress
 from plenopiv.run.series import RunResult, run
+from plenopiv.run.solid import solid_in
 from plenopiv.sensor import Sensor, middle, middle_of
 from plenopiv.volume import VoxelGrid
 
@@ -63,6 +65,7 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
         for name, picture in pictures.items():
             tifffile.imwrite(images / name, np.ascontiguousarray(picture))
         tables["recording"] = named | {"dt_s": recording.dt_s, "orientation": "upright"}
+        _take_body(experiment, tables, images)
         result = run(Experiment.from_dict(tables, images / "experiment.toml"), progress)
         (stage / "preview.png").write_bytes(png(velocity_figure(result.velocity)))
         stage.chmod(0o755)  # a temporary folder is its owner's alone
@@ -90,6 +93,16 @@ def _pictures(recording: Recording, part: Sensor) -> tuple[dict[str, NDArray], d
     if recording.masked is not None and middle_of(recording.masked, part).any():
         whole["mask.tif"], named["mask"] = np.where(recording.masked, np.uint8(0), np.uint8(255)), "mask.tif"
     return {name: middle_of(image, part) for name, image in whole.items()}, named
+
+
+def _take_body(experiment: Experiment, tables: dict[str, Any], folder: Path) -> None:
+    """The file of the body into a preview's folder; none where the middle of the field lies outside the body."""
+    if (name := tables["volume"].pop("body", None)) is None:
+        return
+    path, small = experiment.folder / name, Experiment.from_dict(tables)
+    if solid_in(read_body(path), small.grid(), small.correlation.settings()).inside.any():
+        shutil.copyfile(path, folder / "body.stl")
+        tables["volume"]["body"] = "body.stl"
 
 
 def cropped(experiment: Experiment) -> tuple[Sensor, dict[str, Any]]:

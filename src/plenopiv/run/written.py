@@ -21,6 +21,7 @@ from plenopiv.run.log import Clock
 from plenopiv.run.pair import Frame
 from plenopiv.run.plan import Plan
 from plenopiv.run.versions import versions
+from plenopiv.velocity import replaced_share, vectors_inside_body
 
 if TYPE_CHECKING:
     import xarray
@@ -83,7 +84,8 @@ def summary_of(
         "voxels": plan.chain.grid.size,
         "reconstruction": dict(frames),
         "vectors": int(velocity.valid.size),
-        "replaced_share": float(1.0 - velocity.valid.values.mean()),
+        **({} if (inside := vectors_inside_body(velocity)) is None else {"vectors_inside_body": inside}),
+        "replaced_share": replaced_share(velocity),
         "median_peak_ratio": float(np.nanmedian(velocity.peak_ratio.values)),
         "tiles": plan.tiles,
         "memory_estimate_gb": plan.needed.peak / 1e9,
