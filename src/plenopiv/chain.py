@@ -38,6 +38,7 @@ from plenopiv.reconstruction.noise import NO_WHITE_IMAGE
 from plenopiv.reconstruction.reconstruct import Reconstruction, reconstruct
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.reconstruction.tiles import Tile
+from plenopiv.reconstruction.usable import usable_share
 from plenopiv.velocity import velocity_dataset
 from plenopiv.volume import SparseVolume, VoxelGrid
 
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     import xarray
 
 Camera = PlenopticCamera | PinholeCamera
+LOST = 0.1  # of a microlens' pixels: fewer make no difference to the voxels
 DEFAULT_RECONSTRUCTION, DEFAULT_CORRELATION = ReconstructionSettings(), CorrelationSettings()
 
 
@@ -135,6 +137,14 @@ class Chain:
         ]
         return projectors[0] if self.poses == (FRONT,) else SeveralCameras(self.grid, projectors, self.poses)
 
+    @cached_property
+    def _whole(self) -> Projection | None:
+        """The projection, were all pixels usable; None where so few are lost that it makes no difference."""
+        projection = self.projection
+        if not isinstance(projection, PlenopticProjector | SeveralCameras) or projection.lost_share < LOST:
+            return None
+        return projection.whole()
+
     @property
     def plane_weights(self) -> NDArray[np.float32] | None:
         """What each plane (nz,) counts in the correlation (``focus``); None where all count alike."""
@@ -177,7 +187,8 @@ class Chain:
     def displacement(
         self, a: SparseVolume, b: SparseVolume, progress: CorrelationProgress | None = None
     ) -> DisplacementField:
-        """Displacement from volume ``a`` to volume ``b``, voxels, planes near focus weighted.
+        """Displacement from volume ``a`` to volume ``b``, voxels; planes near focus and voxels behind unusable pixels
+        count less.
 
         Raises:
             PlenoPIVError: windows do not fit, or nothing is found.
@@ -185,6 +196,8 @@ class Chain:
         weights = self.plane_weights
         if weights is not None:
             a, b = (volume.with_planes_scaled(weights) for volume in (a, b))
+        if (whole := self._whole) is not None:
+            a, b = (v.with_values(v.values * usable_share(self.projection, whole, v)) for v in (a, b))
         return measure(a, b, self.correlation, progress, self.solid)
 
     def velocity(

@@ -13,7 +13,7 @@ on the main lens, in the object's x and y (see ``projection``). Counts and their
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, degrees, radians, sin
 
 import numpy as np
@@ -44,7 +44,8 @@ class Layout:
     phase: NDArray[np.float32]  # (lens, 2): micro-image centre minus that pixel, px
     clock: NDArray[np.int64]  # (3, 2): the same as whole 2**-32 px, at lens (0, 0), per half pitch, per row
     fill: NDArray[np.float32]  # (view, lens): share of the pixel that the lens' image of the aperture lights
-    seen: NDArray[np.bool_]  # (view, lens): the pixel exists, is lit by this lens and by no other
+    seen: NDArray[np.bool_]  # (view, lens): the pixel exists, is lit by this lens and by no other, and can be used
+    lost: NDArray[np.bool_] | None = None  # (view, lens): would be seen, but cannot be used
 
     @property
     def views(self) -> int:
@@ -55,6 +56,19 @@ class Layout:
     def lenses(self) -> int:
         """Number of lenses in the block."""
         return self.ni * self.nj
+
+    @property
+    def lost_share(self) -> float:
+        """Share of the pixels lost under the microlens that lost most of them, of those with half of all views."""
+        if self.lost is None:
+            return 0.0
+        lost, seen = self.lost.sum(0), self.seen.sum(0)
+        full = 2 * (lost + seen) >= self.views
+        return float((lost[full] / (lost + seen)[full]).max(initial=0.0))
+
+    def whole(self) -> Layout:
+        """The same, were all pixels usable."""
+        return self if self.lost is None else replace(self, seen=self.seen | self.lost, lost=None)
 
 
 @dataclass(frozen=True)
@@ -153,6 +167,7 @@ def layout(camera: PlenopticCamera, unusable: NDArray[np.bool_] | None = None) -
     drift = 1.2 * camera.lattice.pitch_mm / camera.portion_mm  # px that the disc moves with a point under its lens
     fill = np.empty((len(offsets), len(pixel)), np.float32)
     seen = np.empty(fill.shape, bool)
+    lost = None if unusable is None else np.zeros(fill.shape, bool)
     for v, (m, n) in enumerate(offsets):
         x, y = m - phase[:, 0], n - phase[:, 1]
         fill[v] = disc_share(x, y, radius)
@@ -161,11 +176,14 @@ def layout(camera: PlenopticCamera, unusable: NDArray[np.bool_] | None = None) -
         if np.hypot(m, n) > camera.image_pitch_px - radius - 1.5:
             foreign = sum(disc_share(x - dx, y - dy, radius + drift, 8) for dx, dy in neighbours)
             seen[v] &= foreign <= FOREIGN_SHARE
-        if unusable is not None:
+        if unusable is not None and lost is not None:
             here = np.flatnonzero(seen[v])
-            seen[v, here] = ~unusable[row[here], column[here]]
+            lost[v, here] = unusable[row[here], column[here]]
+            seen[v] &= ~lost[v]
     keep = seen.any(1)
-    return Layout(camera, i0, j0, i1 - i0 + 1, j1 - j0 + 1, offsets[keep], pixel, phase, clock, fill[keep], seen[keep])
+    block = i0, j0, i1 - i0 + 1, j1 - j0 + 1
+    left = None if lost is None else lost[keep]
+    return Layout(camera, *block, offsets[keep], pixel, phase, clock, fill[keep], seen[keep], left)
 
 
 def decode(image: NDArray, where: Layout) -> LightField:

@@ -118,6 +118,15 @@ class SeveralCameras:
         parts = [p.tile(*limits) for p, limits in zip(self.projectors, own, strict=True)]
         return SeveralCameras(self.grid.y_range(low, high), parts, self.poses)
 
+    def whole(self) -> SeveralCameras:
+        """The same, were all pixels usable."""
+        return SeveralCameras(self.grid, [p.whole() for p in self.projectors], self.poses)
+
+    @property
+    def lost_share(self) -> float:
+        """The largest of all cameras (``Layout.lost_share``)."""
+        return max(p.lost_share for p in self.projectors)
+
     def each_camera(self, values: NDArray) -> list[tuple[Projection, NDArray]]:
         """The cameras, with their parts of ``values`` (view, lens)."""
         bounds = zip(self.projectors, self._first[:-1], self._first[1:], strict=True)

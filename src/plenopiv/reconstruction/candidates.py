@@ -27,6 +27,7 @@ from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.projection.protocol import Projection
 from plenopiv.reconstruction.noise import Noise
 from plenopiv.reconstruction.settings import ReconstructionSettings
+from plenopiv.sensor import Sensor
 from plenopiv.volume import SparseVolume
 
 LIT_MULTIPLE = 3.0  # a lit pixel stands this many standard deviations of the dark noise above the black level
@@ -130,11 +131,22 @@ def lit_threshold(lightfield: LightField, noise: Noise) -> float:
 
 def most_light(lightfield: LightField, noise: Noise) -> NDArray[np.float32]:
     """The most counts that each pixel (view, lens) may have collected; a saturated one any number."""
-    sensor = lightfield.layout.camera.sensor
-    saturated = lightfield.values >= sensor.full_scale - sensor.black_level
+    saturated = at_full_scale(lightfield.values, lightfield.layout.camera.sensor)
     bound = np.maximum(lightfield.values, 0) + np.float32(NOISE_MARGIN) * noise.std(lightfield.values)
     bound[saturated] = np.inf
     return bound
+
+
+def at_full_scale(values: NDArray[np.float32], sensor: Sensor) -> NDArray[np.bool_]:
+    """Which pixels, in counts above the black level, are saturated."""
+    return values >= sensor.full_scale - sensor.black_level - 0.5
+
+
+def saturated_pixels(values: NDArray[np.float32], projection: Projection) -> NDArray[np.bool_]:
+    """Which pixels (view, pixel) of one plenoptic camera are saturated; of pinhole cameras none is taken as such."""
+    if not isinstance(projection, PlenopticProjector):
+        return np.zeros(values.shape, bool)
+    return at_full_scale(values, projection.layout.camera.sensor) & projection.seen
 
 
 def dark_to_light(lightfield: LightField, threshold: float) -> NDArray[np.float32]:
@@ -162,14 +174,13 @@ def typical_particle(lightfield: LightField, projector: PlenopticProjector, nois
     varying illumination, and over pixels that see the volume alone and are not saturated.
     """
     where = lightfield.layout
-    saturation = where.camera.sensor.full_scale - where.camera.sensor.black_level
     total, squares, _ = projector.weight_sums().T
     light = projector.light_of_planes().astype(np.float64)
     step_sums, mean_sums, static_sums, count = 0.0, 0.0, 0.0, 0
     for view in projector.whole_views:
         values = lightfield.values[view].reshape(where.nj, where.ni)
         inside = projector.rays_inside_grid(int(view)).reshape(where.nj, where.ni)
-        inside &= values < saturation
+        inside &= ~at_full_scale(values, where.camera.sensor)
         both = inside[:, STEP:] & inside[:, :-STEP]
         a, b = values[:, STEP:][both].astype(np.float64), values[:, :-STEP][both]
         step_sums += float(np.sum((a - b) ** 2))

@@ -43,6 +43,7 @@ def mart(
     relaxation: float,
     floor: float | NDArray[np.float32] = 1.0,
     thin: float = 0.0,
+    saturated: NDArray[np.bool_] | None = None,
     seed: int = 0,
     overwrite: bool = False,
     progress: Progress | None = None,
@@ -50,13 +51,14 @@ def mart(
     """The volume, among the voxels of ``volume``, whose views are ``values`` (view, pixel), in counts.
 
     ``floor`` (counts, the dark noise; one number or (view, pixel)) is added to measured and projected light, so that a
-    pixel's noise does not empty a voxel. Views are used in a new random order in each iteration, as neighbours are
-    nearly redundant, and as many at
-    once as their exponents allow, TOGETHER at most. The first iteration, which has to find where light is, takes twice
-    the exponent ``relaxation``. Every few views voxels that hold no more than ``thin`` of the mean are left out: less
-    of it during the first iteration, in proportion to the views already used, and none in the last of several, which
-    distributes their light. ``overwrite``: work in the memory of ``volume``, which is of no use afterwards. Returns the
-    volume and, for each iteration, the RMS residual in counts, each view's before it was corrected.
+    pixel's noise does not empty a voxel. ``saturated`` (view, pixel): values that are only the least that the pixel
+    collected; they add light where it is missing and take none away. Views are used in a new random order in each
+    iteration, as neighbours are nearly redundant, and as many at once as their exponents allow, TOGETHER at most. The
+    first iteration, which has to find where light is, takes twice the exponent ``relaxation``. Every few views voxels
+    that hold no more than ``thin`` of the mean are left out: less of it during the first iteration, in proportion to
+    the views already used, and none in the last of several, which distributes their light. ``overwrite``: work in the
+    memory of ``volume``, which is of no use afterwards. Returns the volume and, for each iteration, the RMS residual in
+    counts, each view's before it was corrected.
     """
     seen = projection.seen
     floors = np.asarray(floor, np.float32)
@@ -72,7 +74,12 @@ def mart(
             views = order[used : used + together]
             light = np.maximum(projection.forward(views, working), 0.0)  # outer products may leave a little less
             ratio = measured[views] / (light + (floors[views] if floors.ndim else floors))
-            squares += float(np.sum(((values[views] - light) * seen[views]) ** 2, dtype=np.float64))
+            missing = (values[views] - light) * seen[views]
+            if saturated is not None:  # more light than they show contradicts nothing
+                full = saturated[views]
+                ratio[full] = np.maximum(ratio[full], 1)
+                missing[full] = np.maximum(missing[full], 0)
+            squares += float(np.sum(missing**2, dtype=np.float64))
             projection.multiply(views, np.where(seen[views], ratio**power - 1.0, 0.0), working)
             before, used = used, used + views.size
             if used // THIN_EVERY > before // THIN_EVERY and done < max(iterations - 1, 1):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.projection.protocol import Projection
-from plenopiv.reconstruction.candidates import find_candidates
+from plenopiv.reconstruction.candidates import find_candidates, saturated_pixels
 from plenopiv.reconstruction.mart import Progress, mart
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, Noise, noise_of
 from plenopiv.reconstruction.settings import ReconstructionSettings
@@ -71,6 +71,10 @@ def reconstruct(
     ]
     noise = Noise(float(np.mean([found.dark for found in noises])), counts_per_electron, background)
     floor = noise.floor(SMALLEST_FLOOR)
+    full = np.zeros(values.shape, bool)
+    for (camera, pixels), (_, mark) in zip(each, projection.each_camera(full), strict=True):
+        mark[:] = saturated_pixels(pixels, camera)
+    saturated = full if full.any() else None
     tiles = tiles or [Tile(0, rows, 0, rows)]
     parts, measured, listed = list[SparseVolume](), list[tuple[float, float]](), 0
     squares, equations = np.zeros(settings.iterations), 0
@@ -81,7 +85,7 @@ def reconstruct(
         if here := tile.listed(volume):
             of_all = None if progress is None else partial(_of_all, progress, number, len(tiles))
             times = len(noises) * rows / (tile.high - tile.low)
-            volume, residuals = _corrected(values, own, volume, settings, floor, times, of_all)
+            volume, residuals = _corrected(values, own, volume, settings, floor, saturated, times, of_all)
             count = int(np.count_nonzero(own.seen))
             squares, equations = squares + np.square(residuals) * count, equations + count
         parts.append(tile.own_rows(volume))
@@ -101,6 +105,7 @@ def _corrected(
     volume: SparseVolume,
     settings: ReconstructionSettings,
     floor: float | NDArray[np.float32],
+    saturated: NDArray[np.bool_] | None,
     times: float,
     progress: Progress | None,
 ) -> tuple[SparseVolume, list[float]]:
@@ -118,6 +123,7 @@ def _corrected(
         relaxation=settings.relaxation,
         floor=floor,
         thin=0.0 if lines_of_sight else THIN,
+        saturated=saturated,
         seed=settings.seed,
         overwrite=True,
         progress=progress,

@@ -148,6 +148,15 @@ class PlenopticProjector:
         part._equations = part._rays_within(0 if low else -np.inf, high - low if high < rows else np.inf)
         return part
 
+    def whole(self) -> PlenopticProjector:
+        """The same, were all pixels usable."""
+        return PlenopticProjector(self.layout.whole(), self.grid, self.weights, self.across)
+
+    @property
+    def lost_share(self) -> float:
+        """``Layout.lost_share``."""
+        return self.layout.lost_share
+
     def each_camera(self, values: NDArray) -> list[tuple[Projection, NDArray]]:
         """This one."""
         return [(self, values)]
