@@ -153,15 +153,29 @@ def test_bodies_that_cannot_be(experiment, without_report):
         run(changed(experiment, volume={"body": "none.stl"}))
 
 
-def test_a_preview_takes_mask_and_body_along(experiment):
+@pytest.mark.full
+def test_a_preview_takes_pairs_calibration_mask_and_body_along(experiment):
     sensor = experiment.camera().sensor
-    middle_row = sensor.rows // 2
-    band = [
-        [[0, middle_row], [sensor.columns - 1, middle_row], [sensor.columns - 1, middle_row + 5], [0, middle_row + 5]]
-    ]
-    body = box(experiment, (0.1, -5, -5), (5, 5, 5))
-    found = preview(changed(experiment, recording={"mask": band}, volume={"body": body}))
-    small = Experiment.load(found.directory / "experiment.toml")
-    assert small.recording().masked.any(1).sum() == 6
+    dark = np.full((sensor.rows, sensor.columns), 60, np.uint16)
+    dark[::9, ::5] += 1
+    dark[sensor.rows // 2 + 20, sensor.columns // 2] = 3000
+    for name, counts in (("dark.tif", dark), ("first.tif", dark + 4), ("second.tif", dark + 2)):
+        tifffile.imwrite(experiment.folder / name, counts.astype(np.uint16))
+    row, last = sensor.rows // 2, sensor.columns - 1
+    tables = experiment.model_dump(by_alias=True, exclude_none=True)
+    tables["recording"].pop("frames")
+    tables["recording"] |= {
+        "pairs": [["a.tif", "b.tif"], ["b.tif", "a.tif"]],
+        "dark": "dark.tif",
+        "background": ["first.tif", "second.tif"],
+        "mask": [[[0, row], [last, row], [last, row + 5], [0, row + 5]]],
+    }
+    tables["volume"]["body"] = box(experiment, (0.1, -5, -5), (5, 5, 5))
+    found = preview(Experiment.from_dict(tables, experiment.path))
+    small = Experiment.load(found.directory / "experiment.toml").recording()
+    assert small.names == ["a.tif", "b.tif"]
+    assert small.masked.any(1).sum() == 6
+    assert (small.unusable & ~small.masked).sum() == 1
+    assert [np.median(light) for light in small.static_light.pulses] == [4, 2]
     inside = found.velocity.inside_body.values[0] == 1
     np.testing.assert_array_equal(inside, np.broadcast_to(found.velocity.x.values > 0.1, inside.shape))
