@@ -36,7 +36,7 @@ def box(experiment, low, high, name="wall.stl"):
 
 def reconstructed(experiment):
     recording = experiment.recording()
-    chain, _ = calibrated_chain(experiment, recording)
+    chain, _, _ = calibrated_chain(experiment, recording)
     return chain, chain.reconstruct([recording.frame(0)])
 
 
