@@ -5,6 +5,8 @@ from __future__ import annotations
 from plenopiv.cameras.plenoptic import PlenopticCamera
 
 MATCHED = 0.02  # by which f-numbers may differ, relative
+FASTEST = 0.5  # f-number that no lens in air falls below: its rays would leave the sensor's half space (sine condition)
+OVERFILL = 4.0  # micro-images so many pitches wide have hardly a pixel that one lens alone lights
 
 
 def contradictions(camera: PlenopticCamera) -> list[str]:
@@ -22,6 +24,17 @@ def contradictions(camera: PlenopticCamera) -> list[str]:
         lines.append(
             f"microlens_array.focal_length_mm: {focal:g} mm is not below the main lens' image distance, "
             f"{lens.image_distance_mm:.4g} mm; is it in mm?"
+        )
+    if lens.aperture_mm * FASTEST > lens.focal_length_mm:
+        lines.append(
+            f"main_lens: an aperture of {lens.aperture_mm:g} mm at a focal length of {lens.focal_length_mm:g} mm is "
+            f"f/{lens.focal_length_mm / lens.aperture_mm:.2g}, and no lens is faster than f/{FASTEST:g}; is it in mm?"
+        )
+    elif lens.aperture_mm > OVERFILL * camera.matched_aperture_mm:
+        lines.append(
+            f"main_lens: an aperture of {lens.aperture_mm:g} mm makes micro-images "
+            f"{lens.aperture_mm / camera.matched_aperture_mm:.3g} times as wide as their pitch; at "
+            f"{camera.matched_aperture_mm:.4g} mm they just touch"
         )
     if lens.aperture_mm * abs(lens.magnification) <= pitch:
         lines.append(

@@ -36,7 +36,7 @@ def init(folder: Path, sheet: Path, overwrite: bool) -> str:
     images = folder_images(folder, known.value("sensor", "rows"))
     camera = known.camera(images.columns, images.rows)
     text = draft(known, camera, images)
-    Experiment.from_dict(tomllib.loads(text), target)  # raises now if the draft does not load
+    Experiment.from_dict(tomllib.loads(text), sheet)  # raises now if the draft does not load: the sheet is why
     aside = target.with_name(f".{FILE}.part")
     try:
         aside.write_text(text, encoding="utf-8")
@@ -85,7 +85,7 @@ def draft(known: OpticsSheet, camera: PlenopticCamera, images: FolderImages) -> 
         rows=sensor.rows,
         pixel_pitch=sensor.pixel_pitch_mm,
         bit_depth=sensor.bit_depth,
-        black_level=sensor.black_level,
+        black_level=f"{sensor.black_level:g}",
         images=image_lines(images),
         dt=float(known.number("recording", "dt_s")),
         what_dt="from one frame to the next" if images.frames.pairs is None else "between the two frames of a pair",

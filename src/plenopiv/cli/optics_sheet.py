@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import json
-import tomllib
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from plenopiv import optics
+from plenopiv.cameras.consistency import contradictions
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.errors import PlenoPIVError
+from plenopiv.experiment import text
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 
+SMALLEST, LARGEST = 1e-9, 1e9  # of all numbers, as in the experiment file
 CONJUGATE = 0.02  # by which stated distances may miss 1/f = 1/S_o + 1/S_i, relative
 
 
@@ -22,16 +24,13 @@ class OpticsSheet:
     def __init__(self, path: Path):
         self.path = path
         try:
-            text = path.read_text(encoding="utf-8")
-            self.tables = tomllib.loads(text) if path.suffix.lower() == ".toml" else json.loads(text)
+            with path.open("rb") as file:
+                content = file.read(text.LARGEST + 1)
         except FileNotFoundError:
             raise PlenoPIVError(f"{path}: no such file; plenopiv init --help shows an optics sheet") from None
         except OSError as error:
             raise PlenoPIVError(f"{path}: cannot be read ({error.strerror})") from None
-        except ValueError as error:  # JSON, TOML and UTF-8 errors alike
-            raise PlenoPIVError(f"{path}: is neither valid JSON nor TOML: {' '.join(str(error).split())}") from None
-        if not isinstance(self.tables, dict):
-            raise PlenoPIVError(f"{path}: must hold tables main_lens, microlens_array, sensor and recording")
+        self.tables = text.tables(content, path, as_json=path.suffix.lower() != ".toml")
 
     def value(self, table: str, *names: str) -> Any:
         """The first of these keys that the table has, or None."""
@@ -44,21 +43,45 @@ class OpticsSheet:
         """A number under one of these keys; an error that names the key where there is none."""
         found = self.value(table, *names)
         if isinstance(found, bool) or not isinstance(found, int | float):
-            problem = "is missing" if found is None else f"= {found!r} is no number"
+            problem = "is missing" if found is None else f"= {_short(found)} is no number"
             raise PlenoPIVError(f"{self.path}: {table}.{names[0]} {problem}")
+        if not isfinite(found) or (found and not SMALLEST <= abs(found) <= LARGEST):
+            raise PlenoPIVError(
+                f"{self.path}: {table}.{names[0]} = {found:g} is not between {SMALLEST:g} and {LARGEST:g}; is its unit "
+                "that of the key's name?"
+            )
+        return float(found)
+
+    def _positive(self, table: str, name: str) -> float:
+        found = self.number(table, name)
+        if not found > 0:
+            raise PlenoPIVError(f"{self.path}: {table}.{name} = {found:g} must be positive and finite")
         return found
+
+    def whole(self, table: str, *names: str, low: int, high: int) -> int:
+        """A whole number from ``low`` to ``high`` under one of these keys."""
+        found = self.number(table, *names)
+        if found != int(found) or not low <= found <= high:
+            raise PlenoPIVError(
+                f"{self.path}: {table}.{names[0]} = {found:g} must be a whole number from {low} to {high}"
+            )
+        return int(found)
 
     def text(self, table: str, name: str, allowed: tuple[str, ...]) -> Any:
         """A word of a choice."""
         found = self.value(table, name)
-        if found not in allowed:
-            problem = "is missing" if found is None else f"= {found!r} is wrong"
+        if not isinstance(found, str) or found not in allowed:
+            problem = "is missing" if found is None else f"= {_short(found)} is wrong"
             raise PlenoPIVError(f"{self.path}: {table}.{name} {problem}; give {' or '.join(allowed)}")
         return found
 
     def camera(self, columns: int, rows: int) -> PlenopticCamera:
         """The camera, for images of this size."""
-        stated = (self.value("sensor", "columns") or columns, self.value("sensor", "rows") or rows)
+        images = {"columns": columns, "rows": rows}
+        stated = tuple(
+            n if self.value("sensor", side) is None else self.whole("sensor", side, low=16, high=65536)
+            for side, n in images.items()
+        )
         if stated != (columns, rows):
             raise PlenoPIVError(
                 f"{self.path}: sensor is {stated[0]} x {stated[1]} pixels, but the images are {columns} x {rows}"
@@ -68,7 +91,7 @@ class OpticsSheet:
         if self.value("main_lens", "aperture_mm") is not None:
             aperture = self.number("main_lens", "aperture_mm")
         else:
-            aperture = focal / self.number("main_lens", "f_number")
+            aperture = focal / self._positive("main_lens", "f_number")
         lengths = {
             "main_lens.focal_length_mm": focal,
             "main_lens.aperture_mm": aperture,
@@ -78,15 +101,21 @@ class OpticsSheet:
             "sensor.pixel_pitch_mm": self.number("sensor", "pixel_pitch_mm"),
         }
         for name, value in lengths.items():
-            if not 0 < value < float("inf"):
+            if not value > 0:
                 raise PlenoPIVError(f"{self.path}: {name} = {value:g} must be positive and finite")
         kind = self.text("microlens_array", "lattice", ("square", "hexagonal"))
-        bits, black = self.number("sensor", "bits", "bit_depth"), self.value("sensor", "black_level") or 0
-        sensor = Sensor(columns, rows, lengths["sensor.pixel_pitch_mm"], int(bits), black)
+        bits = self.whole("sensor", "bits", "bit_depth", low=8, high=16)
+        black = 0.0 if self.value("sensor", "black_level") is None else self.number("sensor", "black_level")
+        if not 0 <= black < 2**bits - 1:
+            raise PlenoPIVError(f"{self.path}: sensor.black_level = {black:g} must be from 0 to below 2^{bits} - 1")
+        sensor = Sensor(columns, rows, lengths["sensor.pixel_pitch_mm"], bits, black)
         lattice = Lattice(kind, lengths["microlens_array.pitch_mm"])
-        return PlenopticCamera(
+        camera = PlenopticCamera(
             MainLens(focal, aperture, m), lattice, lengths["microlens_array.focal_length_mm"], sensor
         )
+        if wrong := contradictions(camera):
+            raise PlenoPIVError(f"{self.path}: {wrong[0]}")
+        return camera
 
     def _magnification(self, focal_mm: float) -> float:
         """M as stated, or from the distances; these must be conjugates of the focal length."""
@@ -94,9 +123,9 @@ class OpticsSheet:
         near, far = (self.value("main_lens", f"{side}_distance_mm") for side in ("object", "image"))
         if stated is not None and (near is None or far is None):
             return self.number("main_lens", "magnification")
-        s_o, s_i = (self.number("main_lens", f"{side}_distance_mm") for side in ("object", "image"))
+        s_o, s_i = (self._positive("main_lens", f"{side}_distance_mm") for side in ("object", "image"))
         m = -s_i / s_o if stated is None else self.number("main_lens", "magnification")
-        if focal_mm > 0 and s_o > 0 and s_i > 0 and m < 0:
+        if focal_mm > 0 and m < 0:
             wanted = optics.conjugate_distances(focal_mm, m)
             if max(abs(s_o / wanted[0] - 1), abs(s_i / wanted[1] - 1)) > CONJUGATE:
                 raise PlenoPIVError(
@@ -110,8 +139,14 @@ class OpticsSheet:
         depth = self.value("seeding", "depth_mm")
         if depth is None:
             return None
-        try:
-            lo, hi = (float(z) for z in depth)
-        except (TypeError, ValueError):
-            raise PlenoPIVError(f"{self.path}: seeding.depth_mm = {depth!r} must be two numbers [low, high]") from None
-        return lo, hi
+        numbers = isinstance(depth, list) and all(isinstance(z, int | float) and abs(z) <= LARGEST for z in depth)
+        if not numbers or len(depth) != 2:
+            raise PlenoPIVError(
+                f"{self.path}: seeding.depth_mm = {_short(depth)} must be two numbers [low, high] in mm"
+            )
+        return float(depth[0]), float(depth[1])
+
+
+def _short(value: Any) -> str:
+    written = repr(value)
+    return written if len(written) <= 60 else f"{written[:57]}..."

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Callable, Sequence
 from math import prod, radians
 from pathlib import Path
@@ -16,7 +15,7 @@ from plenopiv.cameras.coverage import coverage, seen_by_every_view_mm
 from plenopiv.cameras.depth import min_window_depth_mm, min_window_voxels
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.errors import PlenoPIVError
-from plenopiv.experiment import messages
+from plenopiv.experiment import messages, text
 from plenopiv.experiment.tables import (
     CalibrationTable,
     CameraTable,
@@ -64,7 +63,7 @@ class Experiment(Table):
         path = Path(path)
         try:
             with path.open("rb") as file:
-                return cls.from_dict(tomllib.load(file), path)
+                content = file.read(text.LARGEST + 1)
         except FileNotFoundError:
             hint = "plenopiv init drafts an experiment file from a folder of images"
             raise PlenoPIVError(f"{path}: no such file; {hint}") from None
@@ -72,10 +71,9 @@ class Experiment(Table):
             raise PlenoPIVError(f"{path}: is a folder; name the experiment file in it") from None
         except OSError as error:
             raise PlenoPIVError(f"{path}: cannot be read ({error.strerror})") from None
-        except UnicodeDecodeError:
-            raise PlenoPIVError(f"{path}: is not a text file in UTF-8, so not an experiment file") from None
-        except tomllib.TOMLDecodeError as error:
-            raise PlenoPIVError(f"{path}: is not valid TOML: {' '.join(str(error).split())}") from None
+        except ValueError:  # a NUL in the name
+            raise PlenoPIVError(f"{path}: is no file name") from None
+        return cls.from_dict(text.tables(content, path), path)
 
     @classmethod
     def from_dict(cls, tables: dict[str, Any], path: str | Path = "experiment.toml") -> Experiment:

@@ -7,16 +7,44 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, WithJsonSchema, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    WithJsonSchema,
+    model_validator,
+)
 
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.reconstruction.settings import CandidateRule, LightFieldMethod, ReconstructionSettings, Weights
 
 FARTHEST_PX = 1e6  # corners of polygons
-PositiveFloat = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+SMALLEST, LARGEST = 1e-9, 1e9  # of all numbers with a unit: what lies outside is a wrong unit, or a damaged file
+LONGEST_NAME = 4096  # bytes of a path
+
+
+def _in_range(value: float) -> float:
+    if value and not SMALLEST <= abs(value) <= LARGEST:
+        raise ValueError(f"{value:g} is not between {SMALLEST:g} and {LARGEST:g}; is the unit that of the key's name?")
+    return value
+
+
+def _file_name(value: str) -> str:
+    if "\0" in value:
+        raise ValueError(f"{value[:40]!r} holds a NUL, which no file name has")
+    if len(value.encode()) > LONGEST_NAME:
+        raise ValueError(f"has {len(value)} letters, more than a file name can have")
+    return value
+
+
+Number = Annotated[float, AfterValidator(_in_range)]
+PositiveFloat = Annotated[float, Field(gt=0), AfterValidator(_in_range)]
+NotNegative = Annotated[float, Field(ge=0), AfterValidator(_in_range)]
 # Strict models refuse lists for tuples; numbers inside stay strict.
-Pair = Annotated[tuple[float, float], Field(strict=False)]
+Pair = Annotated[tuple[Number, Number], Field(strict=False)]
 PositiveTriple = Annotated[tuple[PositiveFloat, PositiveFloat, PositiveFloat], Field(strict=False)]
 WindowSide = Annotated[int, Field(ge=1, le=1024)]
 Window = Annotated[tuple[WindowSide, WindowSide, WindowSide], Field(strict=False)]
@@ -30,21 +58,21 @@ class Table(BaseModel):
 
 def _frames(value: Any) -> str | tuple[str, ...]:
     if isinstance(value, str) and value:
-        return value
+        return _file_name(value)
     if isinstance(value, list | tuple) and all(isinstance(name, str) and name for name in value):
         if len(value) < 2:
             raise ValueError(f"{len(value)} frame given; a velocity needs at least two")
-        return tuple(value)
+        return tuple(map(_file_name, value))
     raise ValueError('must be a list of file names, or a glob such as "run7/*.tif"')
 
 
 def _pairs(value: Any) -> str | tuple[tuple[str, str], ...]:
     if isinstance(value, str) and value:
-        return value
+        return _file_name(value)
     if isinstance(value, list | tuple) and value:
         twos = [tuple(pair) for pair in value if isinstance(pair, list | tuple)]
         if len(twos) == len(value) and all(len(t) == 2 and all(isinstance(n, str) and n for n in t) for t in twos):
-            return tuple((a, b) for a, b in twos)
+            return tuple((_file_name(a), _file_name(b)) for a, b in twos)
     raise ValueError('must be a pattern such as "run_*_{a,b}.tif", or a list of [first, second] file names')
 
 
@@ -55,9 +83,9 @@ def _background(value: Any) -> str | tuple[str, ...]:
             "static light"
         )
     if isinstance(value, str) and value:
-        return value if value in ("none", "minimum") else (value,)
+        return value if value in ("none", "minimum") else (_file_name(value),)
     if isinstance(value, list | tuple) and len(value) in (1, 2) and all(isinstance(n, str) and n for n in value):
-        return tuple(value)
+        return tuple(map(_file_name, value))
     raise ValueError(
         'must be "none", "minimum" (of the frames themselves), an image of the static light, or two, one for each pulse'
     )
@@ -65,7 +93,7 @@ def _background(value: Any) -> str | tuple[str, ...]:
 
 def _mask(value: Any) -> str | tuple[tuple[tuple[float, float], ...], ...]:
     if isinstance(value, str) and value:
-        return value
+        return _file_name(value)
     if isinstance(value, list | tuple) and value and all(_is_polygon(each) for each in value):
         return tuple(tuple((float(column), float(row)) for column, row in each) for each in value)
     raise ValueError(
@@ -81,7 +109,7 @@ def _is_polygon(value: Any) -> bool:
     return corners and all(type(n) in (int, float) and abs(n) <= FARTHEST_PX for corner in value for n in corner)
 
 
-FileName = Annotated[str, Field(min_length=1)]
+FileName = Annotated[str, Field(min_length=1), AfterValidator(_file_name)]
 STRING_OR_ARRAY = WithJsonSchema({"type": ["string", "array"]})
 
 
@@ -95,7 +123,7 @@ class MainLensTable(Table):
     focal_length_mm: PositiveFloat
     aperture_mm: PositiveFloat | None = None
     f_number: PositiveFloat | None = None
-    magnification: float
+    magnification: Number
 
     @model_validator(mode="after")
     def _consistent(self) -> MainLensTable:
@@ -169,7 +197,7 @@ class TargetPlaneTable(Table):
     """One of ``calibration.planes``: an image of the target, and the traverse's reading."""
 
     image: FileName
-    z_mm: float
+    z_mm: Number
 
 
 class CalibrationTable(Table):
@@ -251,7 +279,7 @@ class ReconstructionTable(Table):
     candidates: CandidateRule = ReconstructionSettings.candidates
     threshold: NotNegative | None = None
     focus_reach: NotNegative = ReconstructionSettings.focus_reach
-    seed: Annotated[int, Field(ge=0)] = ReconstructionSettings.seed
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = ReconstructionSettings.seed
 
     def settings(self) -> ReconstructionSettings:
         """The same as the reconstruction takes it."""
@@ -293,7 +321,7 @@ class CorrelationTable(Table):
 class OutputTable(Table):
     """``[output]``: the results folder, relative to the experiment file; ``volumes``: whether it takes those too."""
 
-    directory: Annotated[str, Field(min_length=1)] = "results"
+    directory: FileName = "results"
     volumes: bool = False
 
 
@@ -317,5 +345,5 @@ class SimulationTable(Table):
     shot_noise: bool = True
     diffraction: bool = False
     wavelength_nm: PositiveFloat = 532.0
-    rays: Annotated[int, Field(ge=100)] = 20_000
-    seed: Annotated[int, Field(ge=0)] = 1
+    rays: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
