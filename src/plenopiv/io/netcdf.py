@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from plenopiv.errors import PlenoPIVError
+from plenopiv.hdf5 import damage
 from plenopiv.io.aside import written_aside
 
 if TYPE_CHECKING:
     import xarray
 
 REQUIRED = ("u", "v", "w", "valid")
+DIMS = ("time", "z", "y", "x")
 
 
 def write_velocity(path: str | Path, dataset: xarray.Dataset) -> None:
@@ -29,26 +34,52 @@ def write_velocity(path: str | Path, dataset: xarray.Dataset) -> None:
 
 
 def read_velocity(path: str | Path) -> xarray.Dataset:
-    """The velocity field of a file, loaded into memory and the file closed.
+    """The velocity field of a file, loaded into memory and the file closed; its time in s as a number.
 
     Raises:
-        PlenoPIVError: missing, damaged, or without u, v, w and valid on (time, z, y, x).
+        PlenoPIVError: missing, damaged, or without numbers u, v, w and valid on (time, z, y, x), or without finite,
+            rising coordinates of these.
     """
     import xarray
 
     path = Path(path)
-    if not path.is_file():
+    try:
+        wrong = damage(path, netcdf=True) if path.is_file() else None
+    except (OSError, ValueError):  # a name that none can have
+        wrong = None
+    if wrong is None:
         raise PlenoPIVError(f"{path}: no such file; plenopiv run writes velocity.nc")
     try:
-        with xarray.open_dataset(path, engine="h5netcdf") as dataset:
-            loaded = dataset.load()
+        if wrong:
+            raise ValueError(wrong)
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")  # of attributes that are not ours
+            with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+                loaded = dataset.load()
     except Exception as error:  # HDF5, netCDF and decoding each fail in their own way
         raise PlenoPIVError(
             f"{path}: is no velocity file or is damaged ({' '.join(str(error).split())[:100]})"
         ) from None
+    _check(path, loaded)
+    return loaded
+
+
+def _check(path: Path, loaded: xarray.Dataset) -> None:
+    """Raise PlenoPIVError for a dataset that is no velocity field."""
     missing = [name for name in REQUIRED if name not in loaded]
     if missing:
         raise PlenoPIVError(f"{path}: has no {', '.join(missing)}, so it is no velocity field of plenopiv")
-    if loaded["u"].dims != ("time", "z", "y", "x"):
-        raise PlenoPIVError(f"{path}: u has dimensions {loaded['u'].dims}, wanted ('time', 'z', 'y', 'x')")
-    return loaded
+    for name in REQUIRED:
+        variable = loaded[name]
+        if variable.dims != DIMS:
+            raise PlenoPIVError(f"{path}: {name} has dimensions {variable.dims}, wanted {DIMS}")
+        if variable.dtype.kind not in "biuf":
+            raise PlenoPIVError(f"{path}: {name} holds {variable.dtype} values, wanted numbers")
+        if not variable.size:
+            raise PlenoPIVError(f"{path}: {name} holds no vectors {variable.shape}")
+    for axis in DIMS:
+        if axis not in loaded.coords or loaded[axis].dims != (axis,) or loaded[axis].dtype.kind not in "iuf":
+            raise PlenoPIVError(f"{path}: has no coordinate {axis} of numbers, so it is no velocity field of plenopiv")
+        values = loaded[axis].values.astype(float)
+        if not np.isfinite(values).all() or (axis != "time" and (np.diff(values) <= 0).any()):
+            raise PlenoPIVError(f"{path}: its coordinate {axis} is not finite and rising; the file is damaged")

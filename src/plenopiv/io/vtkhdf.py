@@ -33,19 +33,19 @@ def write_vtkhdf(path: str | Path, dataset: xarray.Dataset) -> None:
         PlenoPIVError: the file cannot be written; nothing is left behind.
     """
     vectors = {"velocity": ("u", "v", "w"), "velocity_std": ("u_std", "v_std", "w_std")}
-    fields: dict[str, tuple[str, ...]] = {
-        n: parts for n, parts in vectors.items() if all(part in dataset for part in parts)
-    }
-    taken = {part for parts in fields.values() for part in parts}
     dims = ("time", "z", "y", "x")
-    fields |= {str(n): (str(n),) for n, v in dataset.data_vars.items() if set(v.dims) == set(dims) and n not in taken}
+    numbers = {str(n) for n, v in dataset.data_vars.items() if set(v.dims) == set(dims) and v.dtype.kind in "biuf"}
+    fields: dict[str, tuple[str, ...]] = {n: parts for n, parts in vectors.items() if numbers.issuperset(parts)}
+    taken = {part for parts in fields.values() for part in parts}
+    fields |= {str(n): (str(n),) for n in dataset.data_vars if n in numbers - taken}
     several = dataset.sizes["time"] > 1  # readers see no time axis in a single step
     first, spacing, shape = _axes(dataset)
     with _image(path, first, spacing, shape, dataset.time.values if several else None) as points:
         for name, parts in fields.items():
             values = np.stack([dataset[part].transpose(*dims).values for part in parts], -1)
             small = np.uint8 if values.dtype == bool else np.float32 if values.dtype == np.float64 else values.dtype
-            kept = values.astype(small) if several else values.astype(small)[0]
+            with np.errstate(over="ignore"):  # what is beyond single precision is infinite in it
+                kept = values.astype(small) if several else values.astype(small)[0]
             points.create_dataset(name, data=kept, compression="gzip", shuffle=True)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError, brief
+from plenopiv.hdf5 import damage
 from plenopiv.recording.tiff import Header
 
 SEPARATOR = "::"  # between an HDF5 file and its data set
@@ -95,7 +96,7 @@ class NumPyFile(Arrays):
         try:
             found = np.load(path, mmap_mode="r", allow_pickle=False)
             _ = found.shape  # an archive has none
-        except (ValueError, OSError, EOFError, SyntaxError, AttributeError) as error:
+        except Exception as error:  # its header is parsed as Python text
             raise PlenoPIVError(f"{path}: is no whole NumPy file ({brief(error)})") from None
         yield found
 
@@ -109,6 +110,8 @@ class HDF5File(Arrays):
         import h5py
 
         try:
+            if wrong := damage(path):
+                raise PlenoPIVError(f"{path}: is no whole HDF5 file ({wrong})")
             file = h5py.File(path, "r")
         except OSError as error:
             raise PlenoPIVError(f"{path}: is no whole HDF5 file ({brief(error)})") from None

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.resources import as_file, files
-from math import isfinite
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,8 @@ from plenopiv.simulation.file_grid import Vector
 from plenopiv.simulation.gridded import OUTSIDE, GriddedVelocity, Outside
 from plenopiv.simulation.netcdf_grid import read_netcdf
 from plenopiv.simulation.vtk_image import read_vtk_image
+
+LARGEST = 1e9  # mm, or times
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,16 @@ class FlowFile:
             raise PlenoPIVError(f"flow: outside = {self.outside!r}; give one of {', '.join(OUTSIDE)}")
         if isinstance(self.variables, str):
             object.__setattr__(self, "variables", (self.variables,))
+        if not isinstance(self.variables, tuple) or not all(isinstance(name, str) for name in self.variables):
+            raise PlenoPIVError(f"flow: variables = {self.variables!r:.60}; give names of variables")
+        for key in ("length_unit", "velocity_unit"):
+            unit = getattr(self, key)
+            if unit is not None and not isinstance(unit, str):
+                raise PlenoPIVError(f'flow: {key} = {unit!r:.60}; give a unit as text, such as "mm" or "m/s"')
+        if self.time is not None and (isinstance(self.time, bool) or not isinstance(self.time, int)):
+            raise PlenoPIVError(f"flow: time = {self.time!r:.60}; give its number, 0 for the first")
+        if not isinstance(self.path, str | Path) or "\0" in str(self.path):
+            raise PlenoPIVError(f"flow: path = {self.path!r:.60} is no file name")
         _ = self.field  # a wrong file raises now, not at the first particle
 
     @cached_property
@@ -96,11 +108,16 @@ class Jet:
 def _jet() -> GriddedVelocity:
     """The snapshot that is shipped, read once."""
     with as_file(files("plenopiv.simulation") / "jet.nc") as path:
-        return read_netcdf(path).in_mm_and_m_s(outside="periodic")
+        return read_netcdf(path, ours=True).in_mm_and_m_s(outside="periodic")
 
 
 def _check_place(at_mm: Vector, speed: float) -> None:
-    if len(at_mm) != 3 or not all(isfinite(v) for v in at_mm):
-        raise PlenoPIVError(f"flow: at_mm = {list(at_mm)}; give x, y, z in mm")
-    if not isfinite(speed):
-        raise PlenoPIVError(f"flow: speed = {speed}; give a finite factor on the velocities")
+    if not isinstance(at_mm, tuple) or len(at_mm) != 3 or not all(map(_in_range, at_mm)):
+        raise PlenoPIVError(f"flow: at_mm = {at_mm!r:.60}; give x, y, z in mm")
+    if not _in_range(speed):
+        raise PlenoPIVError(f"flow: speed = {speed!r:.60}; give a finite factor on the velocities")
+
+
+def _in_range(value: object) -> bool:
+    """Whether it is a number that a length, or a factor, may be."""
+    return isinstance(value, Real) and not isinstance(value, bool) and abs(float(value)) <= LARGEST

@@ -18,6 +18,7 @@ Outside = Literal["error", "zero", "periodic"]
 OUTSIDE: tuple[str, ...] = get_args(Outside)
 DEGREE = 5
 ROUNDING = 1e-6  # of the spacing: points so near a face lie on it
+FASTEST_M_S = 1e6
 FEWEST_POINTS = 4  # along an axis; fewer than six take cubic splines there
 
 
@@ -34,7 +35,8 @@ class GriddedVelocity:
     Periodic: see ``_mixed_splines``; free of divergence where the grid's Fourier series is.
 
     Raises:
-        PlenoPIVError: fewer than four points along an axis, values that are not finite; when called, points outside.
+        PlenoPIVError: fewer than four points along an axis, values that are not finite or beyond all velocities, a
+            spacing that is not positive; when called, points outside.
     """
 
     velocity_m_s: NDArray = field(repr=False)
@@ -58,6 +60,13 @@ class GriddedVelocity:
                 f"flow: {self.name}: {wrong} of {values[..., 0].size} grid points are NaN or infinite; fill them or "
                 "cut the file to where the flow is known"
             )
+        if not (np.isfinite([*self.first_mm, *self.spacing_mm]).all() and min(self.spacing_mm) > 0):
+            raise PlenoPIVError(
+                f"flow: {self.name}: first point {list(self.first_mm)} mm, spacing {list(self.spacing_mm)} mm: "
+                "spacings must be positive, all of them finite"
+            )
+        if (fastest := float(np.abs(values).max())) > FASTEST_M_S:
+            raise PlenoPIVError(f"flow: {self.name}: {fastest:.3g} m/s is no velocity of a fluid; is its unit right?")
         splines = _mixed_splines(values) if self.outside == "periodic" else (_spline(values),)
         object.__setattr__(self, "_splines", splines)
 

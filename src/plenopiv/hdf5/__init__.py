@@ -1,0 +1,56 @@
+"""HDF5 and netCDF4 files that this program need not have written: tried in a child process before they are opened.
+
+The HDF5 library does not return from some damaged files, or ends the process. So a child opens the file first, with a
+limit of time and of memory: 0.3 s for a file that is as it should be.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from functools import lru_cache
+from pathlib import Path
+
+START_S = 120.0  # that a child may take in all: Python's own start on a busy machine is most of it
+TRY_S = 5  # of it for the file
+CHILD = Path(__file__).with_name("child.py")
+REFUSED, TOO_LONG = 3, 1  # exit codes of the child
+
+
+def damage(path: Path, netcdf: bool = False) -> str:
+    """What is wrong with an HDF5 file, a few words; "" where a child process could read it.
+
+    ``netcdf``: opened as netCDF4 too. A file is tried once, as long as it is not changed. Files of less than 256 MB of
+    data are read whole, of others the headers. Without a Python to run (a program that embeds it) nothing is tried.
+
+    Raises:
+        OSError: there is no such file.
+    """
+    stat = path.stat()
+    return _damage(str(path.resolve()), netcdf, stat.st_size, stat.st_mtime_ns) if sys.executable else ""
+
+
+@lru_cache(maxsize=256)
+def _damage(path: str, netcdf: bool, size: int, changed_ns: int) -> str:
+    command = [sys.executable, "-P", str(CHILD), path, "netcdf" if netcdf else "hdf5", str(TRY_S)]
+    alone = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "HDF5_USE_FILE_LOCKING": "FALSE"}
+    try:
+        ended = subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=alone,
+            timeout=START_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return f"nothing was read of it in {START_S:.0f} s"
+    if ended.returncode == 0:
+        return ""
+    if ended.returncode == REFUSED:
+        return ended.stdout.decode("utf-8", "replace").strip() or "it cannot be read"
+    if ended.returncode == TOO_LONG:
+        return f"HDF5 does not come back from it within {TRY_S} s"
+    return "HDF5 crashes on it"

@@ -1,0 +1,95 @@
+"""Open one HDF5 file and read it: a program of its own, which may crash. ``plenopiv.hdf5`` runs it and says what came
+of it. Arguments: file, "hdf5" or "netcdf", seconds. Exit code 0: whole; 3: not, why is printed; 1: out of time."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import sys
+from contextlib import suppress
+from math import prod
+from typing import Any
+
+MEMORY = 1 << 30  # bytes beyond those of the libraries
+READ = 256 << 20  # bytes of all data sets together up to which they are read
+SPARE, PACKED = 100 << 20, 50  # bytes, and times the file's size, that a whole file's data may have
+
+
+class DamageError(Exception):
+    """What is wrong, in a few words."""
+
+
+def _limit_memory() -> None:
+    if sys.platform == "win32":
+        return
+    import resource
+
+    with open("/proc/self/statm", encoding="ascii") as file:
+        used = int(file.read().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
+
+
+def _datasets(file: Any) -> list[Any]:
+    """All data sets, their attributes and those of groups once read."""
+    import h5py
+
+    found = []
+
+    def visit(name: str, item: Any) -> None:
+        dict(item.attrs)
+        if isinstance(item, h5py.Dataset):
+            found.append(item)
+
+    dict(file.attrs)
+    file.visititems(visit)
+    return found
+
+
+def read(path: str, netcdf: bool) -> None:
+    """Open a file, look at all that is in it, and read its data where they are few.
+
+    Raises:
+        DamageError: the data are more than a file of its size can hold.
+        Exception: whatever the libraries raise.
+    """
+    import h5py
+
+    allowed = SPARE + PACKED * os.path.getsize(path)
+    with h5py.File(path, "r") as file:
+        datasets = _datasets(file)
+        sizes = [prod(d.shape or (1,)) * d.dtype.itemsize for d in datasets]
+        if sum(sizes) > allowed:
+            raise DamageError(f"it states {sum(sizes) / 1e9:.3g} GB of data, more than it can hold")
+        if sum(sizes) <= READ:
+            for dataset in datasets:
+                dataset[()]
+    if netcdf:
+        import h5netcdf
+
+        with h5netcdf.File(path, "r") as file:
+            for variable in file.variables.values():
+                dict(variable.attrs)
+                _ = variable.dimensions, variable.shape, variable.dtype
+
+
+def main(path: str, kind: str, seconds: str) -> int:
+    """Exit code."""
+    import h5netcdf  # noqa: F401  the limits are those of the file, not of what loads
+    import h5py  # noqa: F401
+
+    with suppress(OSError):  # a system without /proc
+        _limit_memory()
+    faulthandler.dump_traceback_later(float(seconds), exit=True)
+    try:
+        read(path, kind == "netcdf")
+    except Exception as error:
+        what = str(error) if isinstance(error, DamageError) else f"{type(error).__name__}: {error}"
+        print(" ".join(what.split())[:100])
+        return 3
+    return 0
+
+
+if __name__ == "__main__":
+    code = main(*sys.argv[1:])
+    sys.stdout.flush()
+    os._exit(code)  # at once: what a library does on its way out may crash as well
