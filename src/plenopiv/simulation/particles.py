@@ -12,6 +12,8 @@ from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.volume import Limits
 
+MOST = 30_000_000  # particles
+
 
 @dataclass(frozen=True)
 class Particles:
@@ -91,6 +93,12 @@ def seed_box(
     if n < 1:
         raise PlenoPIVError(
             f"seeding: {particles_per_microlens} particles per microlens leave none in this box, add some"
+        )
+    if n > MOST:
+        sides = " x ".join(f"{hi - lo:.3g}" for lo, hi in limits_mm)
+        raise PlenoPIVError(
+            f"seeding: {n:.3g} particles in {sides} mm are too many; the box is as much larger than the volume as the "
+            "flow moves between frames: are velocity, dt_s and margin_mm in their units?"
         )
     lo, hi = np.array(limits_mm, float).T
     position = rng.uniform(lo, hi, (n, 3))

@@ -11,23 +11,33 @@ import lzma
 import re
 import zlib
 from collections.abc import Callable
+from math import prod
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, brief
 from plenopiv.simulation.file_grid import FileGrid, missing_variable
 
 XML_TYPES = {"Float32": "f4", "Float64": "f8", "Int8": "i1", "Int16": "i2", "Int32": "i4", "Int64": "i8"}
 XML_TYPES |= {"UInt8": "u1", "UInt16": "u2", "UInt32": "u4", "UInt64": "u8"}
 LEGACY_TYPES = {"float": ">f4", "double": ">f8", "char": ">i1", "short": ">i2", "int": ">i4", "long": ">i8"}
 LEGACY_TYPES |= {"unsigned_char": ">u1", "unsigned_short": ">u2", "unsigned_int": ">u4", "vtktypeint64": ">i8"}
-UNPACK: dict[str, Callable[[bytes], bytes]] = {
-    "vtkZLibDataCompressor": zlib.decompress,
-    "vtkLZMADataCompressor": lzma.decompress,
+UNPACK: dict[str, Callable[[], Any]] = {
+    "vtkZLibDataCompressor": zlib.decompressobj,
+    "vtkLZMADataCompressor": lzma.LZMADecompressor,
 }
+MOST_POINTS = 1 << 28  # of an image: 6 GB of velocities
+MOST_COMPONENTS = 9  # a tensor's
+WORDS = 12  # of a line of keywords
+# What parsers raise: LookupError is that of an unknown encoding too, ArithmeticError of numbers beyond Python's.
+DAMAGED = (
+    OSError, ValueError, LookupError, ArithmeticError, TypeError, EOFError, MemoryError,
+    ElementTree.ParseError, zlib.error, lzma.LZMAError,
+)  # fmt: skip
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -45,9 +55,15 @@ def read_vtk_image(path: Path, variables: tuple[str, ...] = ()) -> FileGrid:
         return FileGrid(path, _velocity(arrays, variables).reshape(*points[::-1], 3), first, spacing)
     except PlenoPIVError as error:
         raise PlenoPIVError(f"flow: {path}: {error}") from None
-    except (OSError, ValueError, KeyError, IndexError, ElementTree.ParseError, zlib.error, lzma.LZMAError) as error:
-        reason = " ".join(str(error).split())[:100]
-        raise PlenoPIVError(f"flow: {path}: is no VTK image or is damaged ({reason})") from None
+    except DAMAGED as error:
+        raise PlenoPIVError(f"flow: {path}: is no VTK image or is damaged ({brief(error)})") from None
+
+
+def _checked(points: list[int]) -> list[int]:
+    """Raise PlenoPIVError for numbers of points that no image has."""
+    if len(points) != 3 or min(points) < 1 or prod(points) > MOST_POINTS:
+        raise PlenoPIVError(f"holds {' x '.join(map(str, points[:4]))} points; wanted some along x, y and z")
+    return points
 
 
 def _velocity(arrays: dict[str, NDArray], variables: tuple[str, ...]) -> NDArray:
@@ -84,25 +100,28 @@ def _xml(content: bytes):
         raise PlenoPIVError("its axes are turned (Direction); resample it along x, y, z")
     spacing = np.array([float(v) for v in image.get("Spacing", "1 1 1").split()])
     first = np.array([float(v) for v in image.get("Origin", "0 0 0").split()]) + spacing * extent[0::2]
-    points = [hi - lo + 1 for lo, hi in zip(extent[0::2], extent[1::2], strict=True)]
+    points = _checked([hi - lo + 1 for lo, hi in zip(extent[0::2], extent[1::2], strict=True)])
     arrays = {}
     for array in pieces[0].iterfind("PointData/DataArray"):
-        values = _values(array, root, appended, raw).reshape(-1, int(array.get("NumberOfComponents", 1)))
+        components = int(array.get("NumberOfComponents", 1))
+        if not 1 <= components <= MOST_COMPONENTS:
+            raise PlenoPIVError(f"is damaged: it states arrays of {components} components")
+        values = _values(array, root, appended, raw, prod(points) * components).reshape(-1, components)
         arrays[str(array.get("Name"))] = values
     return tuple(first.tolist()), tuple(spacing.tolist()), points, arrays
 
 
 def _parted(content: bytes) -> tuple[bytes, bytes, bool]:
     """The XML, the appended data after their underscore, and whether those are raw: then the whole is no XML."""
-    tag = re.search(rb"<AppendedData[^>]*>", content)
+    tag = re.search(rb"<AppendedData[^>]{0,400}>", content)
     if tag is None:
         return content, b"", False
     begin = content.index(b"_", tag.end()) + 1
     return content[: tag.start()] + b"</VTKFile>", content[begin:], b'"raw"' in tag[0]
 
 
-def _values(array: ElementTree.Element, root: ElementTree.Element, appended: bytes, raw: bool) -> NDArray:
-    """The numbers of one array, in the order of the file."""
+def _values(array: ElementTree.Element, root: ElementTree.Element, appended: bytes, raw: bool, count: int) -> NDArray:
+    """The ``count`` numbers of one array, in the order of the file."""
     kind = XML_TYPES[array.get("type", "")]
     if array.get("format", "ascii") == "ascii":
         return np.array((array.text or "").split(), kind)
@@ -111,12 +130,14 @@ def _values(array: ElementTree.Element, root: ElementTree.Element, appended: byt
     order = "<" if root.get("byte_order", "LittleEndian") == "LittleEndian" else ">"
     header = np.dtype(order + XML_TYPES[root.get("header_type", "UInt32")])
     compressor = root.get("compressor")
-    unpacked = _unpacked(text, header, compressor, encoded=data is None or not raw)
+    largest = count * np.dtype(kind).itemsize
+    unpacked = _unpacked(text, header, compressor, data is None or not raw, largest)
     return np.frombuffer(unpacked, order + kind)
 
 
-def _unpacked(data: bytes, header: np.dtype, compressor: str | None, encoded: bool) -> bytes:
-    """The bytes behind a header: their number, or with compression blocks, two block sizes and each packed size."""
+def _unpacked(data: bytes, header: np.dtype, compressor: str | None, encoded: bool, largest: int) -> bytes:
+    """The bytes behind a header: their number, or with compression blocks, two block sizes and each packed size.
+    More than ``largest`` are an error before they are unpacked."""
 
     def part(begin: int, size: int) -> bytes:
         """``size`` bytes of what is stored as one stretch, which begins at ``begin`` of the file's own bytes."""
@@ -134,11 +155,15 @@ def _unpacked(data: bytes, header: np.dtype, compressor: str | None, encoded: bo
     length = word * (3 + blocks)
     sizes = np.frombuffer(part(0, length), header)[3:].astype(int)
     begin = 4 * -(-length // 3) if encoded else length
-    packed, out, at = part(begin, int(sizes.sum())), [], 0
+    if sizes.size != blocks or (sizes < 0).any():
+        raise PlenoPIVError(f"is damaged: the sizes of {blocks} packed blocks are not there")
+    packed, out, at = part(begin, int(sizes.sum())), bytearray(), 0
     for size in sizes:
-        out.append(UNPACK[compressor](packed[at : at + size]))
+        out += UNPACK[compressor]().decompress(packed[at : at + size], largest + 1 - len(out))
         at += size
-    return b"".join(out)
+        if len(out) > largest:
+            raise PlenoPIVError("is damaged: its packed data are more than its points")
+    return bytes(out)
 
 
 def _legacy(content: bytes):
@@ -165,7 +190,7 @@ def _legacy(content: bytes):
             arrays[words[1]] = text.numbers(int(header["POINT_DATA"][0]), components, words[2])
         elif keyword == "FIELD":
             for _ in range(int(words[2])):
-                name, width, tuples, kind = text.line()
+                name, width, tuples, kind = text.line()[:4]
                 values = text.numbers(int(tuples), int(width), kind)
                 if "POINT_DATA" in header:
                     arrays[name] = values
@@ -175,7 +200,7 @@ def _legacy(content: bytes):
             raise PlenoPIVError(f"holds {keyword}, which is not read; write VECTORS or SCALARS of points alone")
     spacing = header.get("SPACING") or header["ASPECT_RATIO"]
     first, steps = (tuple(float(v) for v in row[:3]) for row in (header["ORIGIN"], spacing))
-    return first, steps, [int(n) for n in header["DIMENSIONS"]], arrays
+    return first, steps, _checked([int(n) for n in header["DIMENSIONS"]]), arrays
 
 
 class _Legacy:
@@ -186,19 +211,29 @@ class _Legacy:
 
     def line(self) -> list[str]:
         """Words of the next line that is not blank; none at the end."""
-        match = re.compile(rb"\s*([^\n]*\S)[^\S\n]*\n?").match(self.content, self.at)
-        if match is None:
-            return []
-        self.at = match.end()
-        return match[1].decode("latin-1").split()
+        while self.at < len(self.content):
+            end = self.content.find(b"\n", self.at)
+            end = len(self.content) if end < 0 else end
+            words = self.content[self.at : end].split(None, WORDS)
+            self.at = end + 1
+            if words:
+                return [word.decode("latin-1") for word in words]
+        return []
 
     def skip_to_blank_line(self) -> None:
         """Past what describes the array before it."""
-        blank = re.compile(rb"\n[^\S\n]*\n").search(self.content, self.at)
-        self.at = blank.end() if blank else len(self.content)
+        while self.at < len(self.content):
+            end = self.content.find(b"\n", self.at)
+            end = len(self.content) if end < 0 else end
+            blank = not self.content[self.at : end].strip()
+            self.at = end + 1
+            if blank:
+                return
 
     def numbers(self, tuples: int, components: int, kind: str) -> NDArray:
         """(tuples, components) of a type by its name."""
+        if min(tuples, components) < 0 or tuples * components > MOST_COMPONENTS * MOST_POINTS:
+            raise PlenoPIVError(f"is damaged: it states an array of {tuples} x {components} numbers")
         count, dtype = tuples * components, np.dtype(LEGACY_TYPES[kind.lower()])
         if self.binary:
             values = np.frombuffer(self.content[self.at : self.at + count * dtype.itemsize], dtype)
