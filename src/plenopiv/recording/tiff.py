@@ -25,6 +25,7 @@ BULKY_TAGS = {273, 279, 324, 325, EXIF}  # where the pixels lie
 SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 Header = tuple[tuple[int, int], int]  # (columns, rows), bits per pixel
 Fits = Callable[[Header], None]  # raises PlenoPIVError where an image is not one of the sensor
+SPARE, PACKED = 64_000_000, 200  # bytes, and times its own size, that a compressed file may unpack to
 MOST_PAGES = 100_000  # of a file: more are a damaged header
 
 
@@ -113,25 +114,32 @@ def _page(path: Path, number: int, fits: Fits) -> Iterator[tifffile.TiffPage]:
             raise PlenoPIVError(f"{path}: holds {len(tif.pages)} images, there is no page {number + 1}")
         try:
             page = cast("tifffile.TiffPage", tif.pages[number])
-        except Exception as error:
+            _readable(path, page)
+            fits(_header(page))
+            _whole(path, page)
+        except PlenoPIVError:
+            raise
+        except Exception as error:  # of numbers that contradict one another, each in its own way
             raise PlenoPIVError(
                 f"{path}: the header of page {number + 1} cannot be read, the file is damaged ({brief(error)})"
             ) from None
-        photometric = getattr(page.photometric, "name", str(page.photometric))
-        if page.samplesperpixel != 1 or photometric not in ("MINISBLACK", "MINISWHITE"):
-            raise PlenoPIVError(
-                f"{path}: is a colour image ({photometric}, {page.samplesperpixel} samples per pixel); Bayer and other "
-                f"colour cameras are not supported, only raw monochrome images"
-            )
-        if photometric == "MINISWHITE":
-            raise PlenoPIVError(f"{path}: stores white as 0 (MINISWHITE); save it with black as 0")
-        if page.imagedepth != 1:
-            raise PlenoPIVError(f"{path}: is a volume of {page.imagedepth} slices (image depth), not an image")
-        if page.dtype not in (np.uint8, np.uint16):
-            raise PlenoPIVError(f"{path}: holds {page.dtype} values; raw images hold 8- or 16-bit unsigned counts")
-        fits(_header(page))
-        _whole(path, page)
         yield page
+
+
+def _readable(path: Path, page: tifffile.TiffPage) -> None:
+    """Raise PlenoPIVError for a page that does not hold raw monochrome counts."""
+    photometric = getattr(page.photometric, "name", str(page.photometric))
+    if page.samplesperpixel != 1 or photometric not in ("MINISBLACK", "MINISWHITE"):
+        raise PlenoPIVError(
+            f"{path}: is a colour image ({photometric}, {page.samplesperpixel} samples per pixel); Bayer and other "
+            f"colour cameras are not supported, only raw monochrome images"
+        )
+    if photometric == "MINISWHITE":
+        raise PlenoPIVError(f"{path}: stores white as 0 (MINISWHITE); save it with black as 0")
+    if page.imagedepth != 1:
+        raise PlenoPIVError(f"{path}: is a volume of {page.imagedepth} slices (image depth), not an image")
+    if page.dtype not in (np.uint8, np.uint16):
+        raise PlenoPIVError(f"{path}: holds {page.dtype} values; raw images hold 8- or 16-bit unsigned counts")
 
 
 def _header(page: tifffile.TiffPage) -> Header:
@@ -151,5 +159,11 @@ def _whole(path: Path, page: tifffile.TiffPage) -> None:
     if max(ends) > file_bytes:
         raise PlenoPIVError(f"{path}: is truncated: its pixels end at byte {max(ends)}, the file at {file_bytes}")
     wanted = page.imagewidth * page.imagelength * page.bitspersample // 8
+    largest = max(wanted, expected * int(np.prod(page.chunks)) * page.bitspersample // 8)
+    if page.compression != 1 and largest > SPARE + PACKED * file_bytes:
+        raise PlenoPIVError(
+            f"{path}: states {page.imagewidth} x {page.imagelength} pixels, {largest / 1e6:.3g} MB of strips or tiles, "
+            f"in a file of {file_bytes / 1e6:.2g} MB; the file is damaged"
+        )
     if page.compression == 1 and sum(counts) < wanted:
         raise PlenoPIVError(f"{path}: holds {sum(counts)} bytes of pixels, wanted {wanted}; the file is incomplete")
