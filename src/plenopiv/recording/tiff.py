@@ -128,6 +128,8 @@ def _page(path: Path, number: int, fits: Fits) -> Iterator[tifffile.TiffPage]:
 
 def _readable(path: Path, page: tifffile.TiffPage) -> None:
     """Raise PlenoPIVError for a page that does not hold raw monochrome counts."""
+    if min(page.imagewidth, page.imagelength) < 1:
+        raise PlenoPIVError(f"{path}: is {page.imagewidth} x {page.imagelength} pixels; the file is damaged")
     photometric = getattr(page.photometric, "name", str(page.photometric))
     if page.samplesperpixel != 1 or photometric not in ("MINISBLACK", "MINISWHITE"):
         raise PlenoPIVError(
