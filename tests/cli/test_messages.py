@@ -13,7 +13,7 @@ from small_recording import edit
 from typer.main import get_command
 
 from plenopiv.cli import app, main
-from plenopiv.cli.terminal import command_line
+from plenopiv.cli.terminal import Terminal, command_line
 from plenopiv.errors import PlenoPIVWarning
 
 
@@ -167,3 +167,12 @@ def test_command_lines_are_pasted_as_they_are(name):
     assert Path(words[2]) == Path(name)
     assert not words[2].startswith("-")
     assert command_line("run", Path("run7/experiment.toml")) == "plenopiv run run7/experiment.toml"
+
+
+def test_a_message_that_holds_a_whole_file_is_cut(capsys):
+    """A unit or a name may be text of any length."""
+    assert Terminal().error(f"flow.nc: x is in '{'a' * 5000}'", 2) == 2
+    line = capsys.readouterr().err
+    assert line.startswith("plenopiv: error: flow.nc: x is in 'aaa")
+    assert line.endswith("a...\n")
+    assert len(line) < 1100

@@ -24,6 +24,7 @@ from typing import Any, TextIO
 
 from plenopiv.errors import printable
 
+LONGEST = 1000  # letters of a line
 COLOURS = {"red": "31", "green": "32", "yellow": "33"}
 
 
@@ -65,7 +66,7 @@ class Terminal:
 
     def warning(self, message: str) -> None:
         """Print a warning, one line on stderr."""
-        line = " ".join(message.split())
+        line = _one_line(message)
         if self.as_json:
             self.event("warning", message=line)
         else:
@@ -73,7 +74,7 @@ class Terminal:
 
     def error(self, message: str, code: int) -> int:
         """Print an error, one line on stderr; returns the exit code."""
-        line = " ".join(message.split())
+        line = _one_line(message)
         if self.as_json:
             self.event("error", message=line, exit_code=code)
         else:
@@ -88,6 +89,12 @@ class Terminal:
         else:
             print(ended.text)
         return ended.exit_code
+
+
+def _one_line(message: str) -> str:
+    """A message without line ends, and without the end of what a file holds in place of a name or a unit."""
+    line = " ".join(message.split())
+    return line if len(line) <= LONGEST else f"{line[: LONGEST - 3]}..."
 
 
 terminal = Terminal()
