@@ -63,6 +63,21 @@ def test_attributes_that_cannot_be_decoded(tmp_path, field):
         read_velocity(path)
 
 
+@pytest.mark.parametrize("name", ["v", "valid"])
+def test_variables_that_differ_in_length(tmp_path, field, name):
+    """xarray opens such a file, and raises when it is used."""
+    path = tmp_path / "velocity.nc"
+    write_velocity(path, field)
+    with h5py.File(path, "r+") as file:
+        values, attributes = file[name][()], dict(file[name].attrs)
+        del file[name]
+        made = file.create_dataset(name, data=np.resize(values, (1, 5, 4, 5)).astype(values.dtype))
+        for key, value in attributes.items():
+            made.attrs[key] = value
+    with pytest.raises(PlenoPIVError, match=r"velocity\.nc: is no velocity file or is damaged \(.* values along z, "):
+        read_velocity(path)
+
+
 def test_a_calendar_that_is_none_changes_nothing(tmp_path, field):
     """Time is in s, a number, whatever its units pretend."""
     path = tmp_path / "velocity.nc"

@@ -9,8 +9,10 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 START_S = 120.0  # that a child may take in all: Python's own start on a busy machine is most of it
 TRY_S = 5  # of it for the file
@@ -29,6 +31,18 @@ def damage(path: Path, netcdf: bool = False) -> str:
     """
     stat = path.stat()
     return _damage(str(path.resolve()), netcdf, stat.st_size, stat.st_mtime_ns) if sys.executable else ""
+
+
+def contradiction(variables: Mapping[Any, Any]) -> str:
+    """Where variables, each with ``dims`` and ``shape``, differ in the length of a dimension, a few words; "" where
+    they do not. Libraries that read netCDF find that out when they compute with them."""
+    lengths: dict[str, tuple[str, int]] = {}
+    for name, variable in variables.items():
+        for dimension, length in zip(variable.dims, variable.shape, strict=True):
+            first, stated = lengths.setdefault(str(dimension), (str(name), length))
+            if length != stated:
+                return f"{name} has {length} values along {dimension}, {first} {stated}"
+    return ""
 
 
 @lru_cache(maxsize=256)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.hdf5 import damage
+from plenopiv.hdf5 import contradiction, damage
 from plenopiv.io.aside import written_aside
 
 if TYPE_CHECKING:
@@ -56,6 +56,8 @@ def read_velocity(path: str | Path) -> xarray.Dataset:
             warnings.simplefilter("ignore")  # of attributes that are not ours
             with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
                 loaded = dataset.load()
+        if wrong := contradiction(loaded.variables):
+            raise ValueError(wrong)
     except Exception as error:  # HDF5, netCDF and decoding each fail in their own way
         raise PlenoPIVError(
             f"{path}: is no velocity file or is damaged ({' '.join(str(error).split())[:100]})"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.hdf5 import damage
+from plenopiv.hdf5 import contradiction, damage
 from plenopiv.simulation.file_grid import FileGrid, missing_variable
 
 if TYPE_CHECKING:
@@ -41,6 +41,8 @@ def read_netcdf(
             warnings.simplefilter("ignore")  # of attributes that are not ours
             with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
                 loaded = dataset.load()
+        if wrong := contradiction(loaded.variables):
+            raise ValueError(wrong)
     except Exception as error:  # HDF5, netCDF and decoding each fail in their own way
         reason = " ".join(str(error).split())[:100]
         raise PlenoPIVError(f"flow: {path}: is no netCDF4 file or is damaged ({reason})") from None
