@@ -96,8 +96,9 @@ def skeleton(parsed):
 def hostile_page(path, text):
     content = tomllib.loads(TEXT)
     stored = text.encode("utf-8", "replace").decode()  # an experiment file is UTF-8
-    content["recording"] |= {"white": f"{stored}.tif", "frames": [stored, f"b{stored}"]}
-    content["output"] = {"directory": stored}
+    named = stored.replace("\0", "")  # and no file name holds a NUL
+    content["recording"] |= {"white": f"{named}.tif", "frames": [named, f"b{named}"]}
+    content["output"] = {"directory": named}
     content["simulation"] = {"flow": stored, "parameters": {stored: stored}}
     return write(
         path,
