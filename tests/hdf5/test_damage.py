@@ -72,7 +72,7 @@ def program(monkeypatch, tmp_path, text):
 def test_a_file_that_hdf5_does_not_come_back_from(path, monkeypatch, tmp_path):
     """The limit that the child sets itself, of a read that never returns."""
     real = hdf5.CHILD.read_text()
-    assert "def read(path: str, netcdf: bool) -> None:" in real
+    assert "def read(path: str, kind: str) -> None:" in real
     endless = real.replace(
         "    allowed = SPARE", "    import ctypes\n    ctypes.CDLL(None).pause()\n    allowed = SPARE"
     )
@@ -92,3 +92,15 @@ def test_without_a_python_to_run_nothing_is_tried(path, monkeypatch):
     path.write_bytes(b"no HDF5 at all")
     monkeypatch.setattr(hdf5.sys, "executable", "")
     assert hdf5.damage(path) == ""
+
+
+def test_frames_that_pack_well_are_whole(path):
+    """Images that are dark but for a few pixels; a field of vectors is never so empty, and is loaded whole."""
+    with h5py.File(path, "w") as file:
+        frames = file.create_dataset("frames", (60, 2000, 2000), np.uint8, chunks=(1, 2000, 2000), compression="gzip")
+        frames[0, 7, 9] = 200
+        for frame in range(1, 60):
+            frames.id.write_direct_chunk((frame, 0, 0), zlib.compress(bytes(4_000_000), 9))
+    assert 240e6 / path.stat().st_size > 200
+    assert hdf5.damage(path) == ""
+    assert "more than it can hold" in hdf5.damage(path, netcdf=True)

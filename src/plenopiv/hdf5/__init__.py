@@ -45,7 +45,7 @@ def contradiction(variables: Mapping[Any, Any]) -> str:
     return ""
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=100_000)
 def _damage(path: str, netcdf: bool, size: int, changed_ns: int) -> str:
     command = [sys.executable, "-P", str(CHILD), path, "netcdf" if netcdf else "hdf5", str(TRY_S)]
     alone = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "HDF5_USE_FILE_LOCKING": "FALSE"}

@@ -22,7 +22,7 @@ from plenopiv.recording.tiff import Header
 
 SEPARATOR = "::"  # between an HDF5 file and its data set
 NAMES_DATASET = re.compile(rf"(.*?\.(?:h5|hdf5)){SEPARATOR}(.*)", re.IGNORECASE | re.DOTALL)
-LARGEST = 1 << 32  # bytes of an image: more is a damaged header
+LARGEST = 1 << 30  # bytes of an image: more is a damaged header
 
 
 class Reader(Protocol):
