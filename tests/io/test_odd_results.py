@@ -38,8 +38,14 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize("kind", CHANGES)
-@pytest.mark.parametrize("command", [["info"], ["export", "out.vtkhdf"], ["export", "out.txt", "--z", "1"]])
+@pytest.mark.parametrize(
+    ("kind", "command"),
+    [
+        *((kind, ["info"]) for kind in CHANGES),
+        ("twice", ["export", "out.vtkhdf"]),
+        ("twice", ["export", "out.txt", "--z", "1"]),
+    ],
+)
 def test_a_file_that_is_no_field(tmp_path, field, capsys, kind, command):
     change, said = CHANGES[kind]
     path = tmp_path / "velocity.nc"
@@ -98,7 +104,7 @@ def test_what_single_precision_cannot_hold_is_infinite_without_a_word(tmp_path, 
         assert points["velocity"][0, 0, 0, 0] == np.inf
 
 
-@pytest.mark.parametrize("cut", [100, 2000, 6000])
+@pytest.mark.parametrize("cut", [100, 6000])
 def test_a_truncated_file_leaves_stderr_clean(tmp_path, field, cut):
     """In a process of its own: what objects say that cannot be closed, Python prints when it ends."""
     path = tmp_path / "velocity.nc"

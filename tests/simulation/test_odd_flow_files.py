@@ -95,8 +95,8 @@ def test_packed_data_that_are_more_than_the_points_are_not_unpacked(tmp_path, co
     content = path.read_bytes()
     packer = zlib.compressobj() if "ZLib" in compressor else lzma.LZMACompressor(preset=0)
     block = bytes(10_000_000)
-    packed = b"".join([packer.compress(block) for _ in range(45)] + [packer.flush()])
-    head = np.array([1, 450_000_000, 0, len(packed)], "<u4").tobytes()
+    packed = b"".join([packer.compress(block) for _ in range(35)] + [packer.flush()])
+    head = np.array([1, 350_000_000, 0, len(packed)], "<u4").tobytes()
     begin = content.index(b">_") + 2
     path.write_bytes(content[:begin] + head + packed + b"</AppendedData></VTKFile>")
     assert "its packed data are more than its points" in refused(path, **UNITS)
