@@ -98,9 +98,10 @@ def run(options: argparse.Namespace, work: Path) -> int:
     finally:
         results.save()
     for kind, held in results.kinds.items():
+        slowest, largest = held["slowest"].get("seconds", 0), held["largest"].get("gb", 0)
         print(
-            f"{kind}: {held['cases']} cases, {held['read']} read, {held['refused']} refused, {len(held['failed'])} "
-            f"failed; slowest {held['slowest'].get('seconds', 0)} s, largest {held['largest'].get('gb', 0)} GB"
+            f"{kind}: {held['cases']} cases, {held['read']} read, {held['refused']} refused, "
+            f"{results.count_failed(kind)} failed; slowest {slowest} s, largest {largest} GB"
         )
     return len(results.failed)
 

@@ -10,7 +10,7 @@ from typing import Any
 from fuzz_cases import KINDS, SEED, Case
 from fuzz_runs import Outcome
 
-MOST = 40  # failed cases of a kind that are kept
+MOST = 300  # failed cases of a kind that are kept
 
 
 class Results:
@@ -35,6 +35,11 @@ class Results:
     def failed(self) -> dict[str, str]:
         """Why, by the names of the cases."""
         return {f"{kind}:{number}": why for kind in self.kinds for number, why in self.of(kind)["failed"].items()}
+
+    def count_failed(self, kind: str) -> int:
+        """How many cases of a kind have failed, those too that are not kept."""
+        held = self.of(kind)
+        return held["cases"] - held["read"] - held["refused"]
 
     def add(self, case: Case, outcome: Outcome, again: bool = False) -> None:
         """Keep an outcome; ``again``: of a case that had failed, and counts once."""
