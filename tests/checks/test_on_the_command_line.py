@@ -1,9 +1,12 @@
 """``plenopiv check`` on each fault that it must name: what the user reads, and the exit code."""
 
+import re
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import tifffile
 from recordings import camera, copied, edited, record, white_of
 
 from plenopiv.cli import light_field, main
@@ -124,3 +127,21 @@ def test_a_good_recording_ends_with_zero(recorded, tmp_path, capsys, monkeypatch
     *lines, verdict = capsys.readouterr().out.strip().splitlines()
     assert {line.split()[0] for line in lines if line.strip() and not line.startswith(" ")} == {"good"}
     assert verdict == f"{file}: good"
+
+
+def test_all_frames_are_read_where_asked(recorded, tmp_path, capsys):
+    """The second of three pairs is spoilt: a sample passes it by, --all does not."""
+    folder = tmp_path / "pairs"
+    good(recorded, folder)
+    for k in (1, 2, 3):
+        for pulse in "ab":
+            shutil.copy(folder / f"{pulse}.tif", folder / f"p{k}_{pulse}.tif")
+    image = tifffile.imread(folder / "p2_b.tif")
+    tifffile.imwrite(folder / "p2_b.tif", np.ascontiguousarray(image[:, ::-1]))
+    file = folder / "experiment.toml"
+    file.write_text(re.sub(r"frames = \[[^\]]*\]", 'pairs = "p*_{a,b}.tif"', file.read_text()))
+    assert main(["check", str(file), "--all"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "p2_b.tif only mirrored left to right" in out
+    assert "(1 of 3 pairs)" in out
+    assert "a run sets such pairs aside" in out

@@ -14,7 +14,7 @@ whole_recording.py   all of them on one recording
 """
 
 from plenopiv.checks.findings import Finding
-from plenopiv.checks.pair import PairCheck
+from plenopiv.checks.pair import PairCheck, every_pair
 from plenopiv.checks.whole_recording import CheckResult, check
 
-__all__ = ["CheckResult", "Finding", "PairCheck", "check"]
+__all__ = ["CheckResult", "Finding", "PairCheck", "check", "every_pair"]

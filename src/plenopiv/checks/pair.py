@@ -5,6 +5,8 @@ Cheap against a reconstruction: light by blocks of the sensor, the white image's
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +14,8 @@ from numpy.typing import NDArray
 
 from plenopiv.checks import fit, light, repeats, static
 from plenopiv.checks.findings import Finding
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
+from plenopiv.recording import Recording
 from plenopiv.sensor import Sensor
 
 BLOCK = 5.0  # pitches: the least side of a block whose light is compared
@@ -19,6 +23,8 @@ MOST_BLOCKS = 8  # along each side
 DARK = 0.25  # of what the other blocks make of it: a block that lost its light
 SHARE = 0.1  # of the blocks, from which a frame counts as partly dark
 FAINT = 0.2  # of the median block's light, below which a block tells nothing
+
+Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -72,6 +78,34 @@ class PairCheck:
                 advice = "a shutter, a beam that was cut, or a file that was not written whole; leave the pair out"
                 return Finding("partly-dark", "unusable", words, dark, "%", advice)
         return None
+
+
+def every_pair(recording: Recording, check: PairCheck, progress: Progress | None = None) -> list[Finding]:
+    """Read all frames: of each kind of finding the worst of the first pair that has it, and how many pairs have it."""
+    found: dict[tuple[str, str], list[Finding]] = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PlenoPIVWarning)  # saturation is a finding here
+        for number, (a, b) in enumerate(recording.pairs):
+            names = (printable(recording.frames[a].name), printable(recording.frames[b].name))
+            try:
+                of_pair = check.findings((recording.frame(a), recording.frame(b)), names)
+            except PlenoPIVError as error:
+                of_pair = [Finding("damaged-frame", "warning", str(error), advice="a run sets its pair aside")]
+            for finding in of_pair:
+                found.setdefault((finding.name, finding.severity), []).append(finding)
+            if progress:
+                progress("all pairs", number + 1, len(recording.pairs))
+    out = []
+    for (name, severity), all_of_it in found.items():
+        first, count = all_of_it[0], len(all_of_it)
+        spoilt = severity == "unusable"
+        alone = f" (1 of {len(recording.pairs)} pairs)" if count == 1 else f" ({count} of {len(recording.pairs)} pairs)"
+        advice = f"{first.advice}; a run sets such pairs aside" if spoilt else first.advice
+        whole = spoilt and count == len(recording.pairs)
+        out.append(
+            Finding(name, "unusable" if whole else "warning", first.words + alone, float(count), "pairs", advice)
+        )
+    return out or [Finding("all-pairs", "good", f"all {len(recording.pairs)} pairs were read and nothing stands out")]
 
 
 def _light_of_blocks(image: NDArray, count: int) -> NDArray[np.float64]:

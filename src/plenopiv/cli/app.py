@@ -142,7 +142,12 @@ def calibrate(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
 
 
 @app.command()
-def check(experiment: ExperimentFile) -> None:
+def check(
+    experiment: ExperimentFile,
+    every: Annotated[
+        bool, typer.Option("--all", help="Read every frame, not a sample: as long as reading takes.")
+    ] = False,
+) -> None:
     """Is this recording good? Lattice, f-numbers, exposure, background, seeding, displacement, order of frames.
 
     Each finding is good, a warning, or "unusable" (exit code 2), with what to do about it; look/check.png beside the
@@ -155,7 +160,7 @@ def check(experiment: ExperimentFile) -> None:
     """
     from plenopiv.cli.light_field import check
 
-    _finish("check", check(experiment))
+    _finish("check", check(experiment, every))
 
 
 @app.command()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING
@@ -61,8 +61,9 @@ def refocus(file: Path, z_mm: Sequence[float], frame: str | None) -> Outcome:
     return _drawn(experiment, f"refocus-{source.stem}.png", depth_strip(pictures, depths, x, y, source.name))
 
 
-def check(file: Path) -> Outcome:
+def check(file: Path, every: bool = False) -> Outcome:
     """Print whether a recording is good, and draw the images and curves behind it; exit code 2 where it is unusable.
+    ``every``: all of its frames are read, not a sample.
 
     Raises:
         PlenoPIVError: the experiment file or its images cannot be read.
@@ -71,13 +72,16 @@ def check(file: Path) -> Outcome:
     recording = experiment.recording()
     for line in experiment.warnings():
         warnings.warn(line, PlenoPIVWarning, stacklevel=2)
-    from plenopiv.checks import check
+    from plenopiv.checks import PairCheck, check, every_pair
     from plenopiv.report.check import check_figure
 
     with Progress() as progress:
         found = check(
             recording, experiment.camera(), experiment.grid(), experiment.correlation.settings(), progress=progress
         )
+        if every:
+            pairs = PairCheck(recording.sensor, found.white, found.camera.image_pitch_px)
+            found = replace(found, findings=(*found.findings, *every_pair(recording, pairs, progress)))
     drawn = _drawn(experiment, "check.png", check_figure(found))
     lines = [line for finding in found.findings for line in _finding_lines(finding)]
     bad = sum(finding.severity == "warning" for finding in found.findings)

@@ -63,7 +63,7 @@ def write_report(
         _configuration(experiment, summary),
     ]
     body = [
-        f"<header><h1>{plain(title)}</h1>{_key_numbers(experiment, dataset, summary.get('timings_s', {}))}</header>",
+        f"<header><h1>{plain(title)}</h1>{_key_numbers(experiment, dataset, summary)}</header>",
         _warnings(list(summary.get("warnings", []))),
         _contents(parts),
         *parts,
@@ -245,8 +245,8 @@ def _others(summary: Mapping[str, Any]) -> dict[str, Any]:
     return flat({key: value for key, value in summary.items() if key not in SECTIONS_OF_THEIR_OWN})
 
 
-def _key_numbers(experiment: Experiment, dataset: xarray.Dataset, timings: Mapping[str, float]) -> str:
-    sizes = dataset.sizes
+def _key_numbers(experiment: Experiment, dataset: xarray.Dataset, summary: Mapping[str, Any]) -> str:
+    sizes, timings = dataset.sizes, summary.get("timings_s", {})
     valid = 1 - replaced_share(dataset)
     spacing = [
         float(np.diff(dataset[axis].values[:2])[0]) if sizes[axis] > 1 else float("nan") for axis in ("x", "y", "z")
@@ -259,6 +259,13 @@ def _key_numbers(experiment: Experiment, dataset: xarray.Dataset, timings: Mappi
         (" × ".join(map(str, windows)), "last window, voxels"),
         (f"{experiment.grid().size / 1e6:.1f} million", "voxels"),
     ]
+    if told := summary.get("not_in_images"):
+        moved = " × ".join(f"{d:.2g}" for d in told["largest_displacement_voxels"])
+        numbers += [
+            (f"{moved} voxels", "largest displacement x, y, z"),
+            (f"{told['largest_velocity_m_s']:.3g} m/s", "largest velocity"),
+            (f"{told['dt_s']:g} s, {told['orientation']}", "dt and orientation: no image tells whether they are right"),
+        ]
     if timings:
         numbers.append((_duration(sum(timings.values())), "computing"))
     items = "".join(f"<div><dt>{plain(label)}</dt><dd>{plain(value)}</dd></div>" for value, label in numbers)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from plenopiv.body import read_body
 from plenopiv.cameras.coverage import pixels_that_see, seen_by_every_view_mm
 from plenopiv.design.advice import Limits, Window
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.recording import Recording
 from plenopiv.report.figures import png, velocity_figure
@@ -66,7 +67,7 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
             tifffile.imwrite(images / name, np.ascontiguousarray(picture))
         tables["recording"] = named | {"dt_s": recording.dt_s, "orientation": "upright"}
         _take_body(experiment, tables, images)
-        result = run(Experiment.from_dict(tables, images / "experiment.toml"), progress)
+        result = run(Experiment.from_dict(tables, images / "experiment.toml"), progress, force=True)
         (stage / "preview.png").write_bytes(png(velocity_figure(result.velocity)))
         stage.chmod(0o755)  # a temporary folder is its owner's alone
         shutil.rmtree(folder, ignore_errors=True)
@@ -90,6 +91,12 @@ def _pictures(recording: Recording, part: Sensor) -> tuple[dict[str, NDArray], d
         files = [f"background-{number}.tif" for number in range(1, len(backgrounds) + 1)]
         whole |= dict(zip(files, backgrounds, strict=True))
         named["background"] = files
+    if recording.background_of_frames:
+        warnings.warn(
+            'recording.background = "minimum": a preview reads one pair, and leaves static light in it',
+            PlenoPIVWarning,
+            stacklevel=3,
+        )
     if recording.masked is not None and middle_of(recording.masked, part).any():
         whole["mask.tif"], named["mask"] = np.where(recording.masked, np.uint8(0), np.uint8(255)), "mask.tif"
     return {name: middle_of(image, part) for name, image in whole.items()}, named

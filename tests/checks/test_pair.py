@@ -1,0 +1,60 @@
+"""What a pair is asked as it comes: each fault on a made-up pair of frames, and none on a good one."""
+
+import numpy as np
+import pytest
+
+from plenopiv.checks.pair import PairCheck
+from plenopiv.sensor import Sensor
+
+SENSOR = Sensor(400, 360, 0.0055, 12, 60.0)
+NAMES = ("a.tif", "b.tif")
+
+
+def frame(seed, light=40.0):
+    rng = np.random.default_rng(seed)
+    lit = rng.random((SENSOR.rows, SENSOR.columns)) < 0.3
+    return np.rint(60 + lit * rng.exponential(3 * light, lit.shape) + rng.normal(0, 1.5, lit.shape)).clip(0, 4094)
+
+
+def found(a, b):
+    return {one.name: one for one in PairCheck(SENSOR, None, 14.0).findings((a, b), NAMES)}
+
+
+def dark(rows):
+    image = frame(2)
+    image[rows] = 60
+    return image
+
+
+def test_a_good_pair_has_no_finding():
+    assert found(frame(1), frame(2)) == {}
+    assert found(frame(1), frame(2, light=30.0)) == {}
+
+
+@pytest.mark.parametrize("rows", [slice(0, 180), slice(300, 360)])
+@pytest.mark.parametrize("first", [True, False])
+def test_a_part_of_one_frame_is_dark(rows, first):
+    pair = (dark(rows), frame(1)) if first else (frame(1), dark(rows))
+    finding = found(*pair)["partly-dark"]
+    assert finding.severity == "unusable"
+    assert NAMES[0 if first else 1] in finding.words
+    share = 100 * (rows.stop - rows.start) / SENSOR.rows
+    assert finding.number == pytest.approx(share, abs=11)  # blocks are a fifth of a side
+
+
+def test_what_both_frames_leave_dark_is_no_fault():
+    both = [frame(seed) for seed in (1, 2)]
+    for image in both:
+        image[:180] = 60 + np.random.default_rng(9).normal(0, 1.5, image[:180].shape)
+    assert found(*both) == {}
+
+
+def test_one_image_twice():
+    assert found(frame(1), frame(1))["same-frame"].severity == "unusable"
+
+
+def test_a_weak_second_pulse_and_a_saturated_frame():
+    assert found(frame(1), frame(2, light=15.0))["unequal-pulses"].severity == "warning"
+    bright = frame(3)
+    bright[bright > 100] = SENSOR.full_scale
+    assert found(frame(1), bright)["overexposed"].severity == "unusable"
