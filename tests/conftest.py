@@ -1,5 +1,6 @@
 """Makes ``tests/oracles`` importable: slow, obvious references that several rooms are tested against."""
 
+import functools
 import os
 import sys
 from pathlib import Path
@@ -30,3 +31,27 @@ def one_thread():
     numba.set_num_threads(1)
     yield
     numba.set_num_threads(threads)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def each_white_image_once():
+    """Fitting the lattice takes most of a check's time, a run begins with a check, and many tests have one white image.
+    What a test makes of the fit it does not keep: a fit is frozen."""
+    from plenopiv.checks import white
+
+    def once(function):
+        known = {}
+
+        @functools.wraps(function)
+        def remembered(image, camera, *name):
+            key = image.tobytes(), camera
+            if key not in known:
+                known[key] = function(image, camera, *name)
+            return known[key]
+
+        return remembered
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("find_lattice", "aperture_disc"):
+            patch.setattr(white, name, once(getattr(white, name)))
+        yield

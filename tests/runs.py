@@ -14,3 +14,5 @@ def without_report(patch):
     assert drawing
     for module in drawing:
         patch.setattr(module, "write_report", lambda *given, **named: None)
+        for name in ("light_field_stacks", "volume_stack"):
+            patch.setattr(module, name, lambda *given, name=name: [] if name == "light_field_stacks" else None)

@@ -181,6 +181,7 @@ def test_two_particles_at_one_place_cannot_be_told_apart():
     assert position_bound(SQUARE, point, 1e4, NOISE, neighbours_mm=[point]).std_mm.tolist() == [inf] * 3
 
 
+@pytest.mark.full
 def test_a_fit_reaches_the_bound():
     """Maximum likelihood (Fisher scoring from 3 standard deviations away) on exact areas, not on this module's light.
 

@@ -33,12 +33,12 @@ def _no_warnings():
     ("shape", "pitch_px", "rotation_deg"),
     [
         ((400, 520), 8.024, 0.1),
-        ((400, 520), 8.024, 12.0),
-        ((400, 520), 14.04, 0.0),
-        ((400, 520), 14.04, 0.1),
+        pytest.param((400, 520), 8.024, 12.0, marks=pytest.mark.full),
+        pytest.param((400, 520), 14.04, 0.0, marks=pytest.mark.full),
+        pytest.param((400, 520), 14.04, 0.1, marks=pytest.mark.full),
         ((400, 520), 14.04, 1.0),
         ((400, 520), 14.04, -29.0),
-        ((600, 500), 28.09, 1.0),
+        pytest.param((600, 500), 28.09, 1.0, marks=pytest.mark.full),
     ],
 )
 def test_centres_over_the_whole_sensor(kind, shape, pitch_px, rotation_deg):
@@ -72,11 +72,11 @@ def test_every_lens_at_the_same_sub_pixel_position(kind, pitch_px):
     "light",
     [
         {"fill": 0.6},
-        {"fill": 0.95},
-        {"fill": 0.97},
-        {"fill": 0.98},
+        pytest.param({"fill": 0.95}, marks=pytest.mark.full),
+        pytest.param({"fill": 0.97}, marks=pytest.mark.full),
+        pytest.param({"fill": 0.98}, marks=pytest.mark.full),
         {"fill": 1.03},
-        {"fill": 1.08, "electrons": 1500.0},
+        pytest.param({"fill": 1.08, "electrons": 1500.0}, marks=pytest.mark.full),
         {"electrons": 60.0},
         {"falloff": 0.85},
         {"dust": 0.1},

@@ -1,35 +1,11 @@
 """Recordings that several tests look at, simulated once."""
 
-import functools
-
 import numpy as np
 import pytest
 from recordings import GOOD, copied, record
 
-from plenopiv.checks import motion, white
+from plenopiv.checks import motion
 from plenopiv.checks.motion import Motion
-
-
-@pytest.fixture(scope="session", autouse=True)
-def each_white_image_once():
-    """Fitting the lattice takes most of a check's time, and many tests look at one white image."""
-
-    def once(function):
-        known = {}
-
-        @functools.wraps(function)
-        def remembered(image, camera, *name):
-            key = image.tobytes(), camera
-            if key not in known:
-                known[key] = function(image, camera, *name)
-            return known[key]
-
-        return remembered
-
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("find_lattice", "aperture_disc"):
-            patch.setattr(white, name, once(getattr(white, name)))
-        yield
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,8 @@ VOXEL_MM = np.array([36 / 2100, 36 / 2100, 0.077])
 LATER = (
     "square",
     "hexagonal turned",
+    "square, 14.04 px",
+    "stored as on the chip",
 )  # of the full set: make test has the one's lattice and the other's angle in others
 
 
@@ -47,6 +49,7 @@ def test_the_displacement_has_the_sign_of_the_motion(tmp_path, axis, sign):
     assert sign * moved[axis] > 0.5 * abs(velocity[axis]) * 0.5
 
 
+@pytest.mark.full
 def test_what_no_image_tells(recording):
     """All images turned, or frames in the wrong order without times: the check cannot see it, the guide says so."""
     for name in ("a", "b", "white"):

@@ -173,6 +173,7 @@ def test_polygons_against_half_plane_intersection(name, plane):
         assert found.extent_mm[n] == pytest.approx(np.ptp(hull.points[hull.vertices], axis=0), rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.full
 def test_raster_and_polygons_agree():
     """Blocks inside the window: cells counted against exact areas; one label a block."""
     camera = preset("pmr8")
@@ -300,6 +301,7 @@ def test_what_the_paper_says_of_pmr():
     assert on_focus == pytest.approx([on_focus[0]] * 3, rel=1e-3)
 
 
+@pytest.mark.full
 def test_area_weighted_sizes_by_points():
     """The mean over a zone is the mean, over points strewn in it, of the block that holds each."""
     camera = preset("pmr8")

@@ -65,6 +65,7 @@ def test_twins_follow_from_their_seed_and_measure_motion_with_its_signs(shallow)
         assert measured_mm == pytest.approx(moved, abs=0.25 * voxel)
 
 
+@pytest.mark.full
 def test_twin_gathers_pairs_until_there_are_vectors_enough(shallow):
     camera, asked = shallow
     found = twin(camera, asked, vectors=60)

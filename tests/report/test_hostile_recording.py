@@ -44,6 +44,7 @@ def test_names_tags_and_comments_of_a_whole_run_stay_text(recording, tmp_path, m
     assert "evil.invalid" not in text  # no tag and no comment gets into the page at all
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:Glyph")
 def test_a_check_prints_and_draws_what_files_call_themselves(recording, capsys):
     main(["check", str(recording)])
@@ -67,6 +68,7 @@ def test_a_tag_is_printed_without_what_a_terminal_obeys(tmp_path, text):
     assert len(finding.words) < 250
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("text", [HOSTILE[0], *HOSTILE[45:]], ids=range(6))
 @pytest.mark.filterwarnings("ignore:Glyph")
 def test_pictures_of_check_views_and_refocus_take_any_name(text):

@@ -128,6 +128,7 @@ def test_hostile_text_adds_no_element_and_no_attribute(tmp_path, text, tame, mon
     assert kept[:60] in re.sub(r"\s+", " ", parsed.text.replace("\x00", "").replace("\ufffd", ""))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("text", [HOSTILE[0], *HOSTILE[45:]], ids=range(6))
 @pytest.mark.filterwarnings("ignore:Glyph")
 def test_names_that_a_typesetter_would_trip_over_are_drawn(tmp_path, text, monkeypatch):

@@ -84,6 +84,7 @@ def test_a_field_without_a_single_vector_still_gets_its_report(tmp_path, experim
     assert len(page.all("img")) == 5
 
 
+@pytest.mark.full
 def test_a_field_of_one_vector_still_gets_its_report(tmp_path, experiment):
     page = Parsed(write(tmp_path / "report.html", experiment, field().isel(x=[0], y=[0], z=[0])))
     assert page.data("field")["axes"]["x"] == field().x.values[:1].tolist()

@@ -101,6 +101,7 @@ def test_check_does_not_measure_masked_pixels(experiment):
     assert "overexposed" not in found(changed(experiment, recording={"mask": half}))
 
 
+@pytest.mark.full
 def test_a_run_says_what_the_body_left_out(experiment, capsys):
     """A wall beyond x = 0.15 mm, seen from the terminal to the report."""
     body = box(experiment, (0.15, -5, -5), (5, 5, 5))

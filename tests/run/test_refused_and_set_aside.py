@@ -92,6 +92,7 @@ def test_a_spoilt_first_pair_does_not_condemn_the_others(folder):
     assert [aside["pair"] for aside in summary["set_aside"]] == [0]
 
 
+@pytest.mark.full
 def test_what_is_unusable_is_refused_and_can_be_forced(folder, capsys):
     for k in (1, 2, 3):
         shutil.copy(folder / f"p{k}_a.tif", folder / f"p{k}_b.tif")
