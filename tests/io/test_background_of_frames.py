@@ -71,6 +71,19 @@ def test_too_few_frames_for_their_seeding_are_refused():
         estimated(frames(3, lit=0.85))
 
 
+def test_frames_that_cannot_be_read_are_left_out():
+    images = frames(12)
+
+    class Damaged(list):
+        def __getitem__(self, k):
+            if k == 5:
+                raise PlenoPIVError("p2_b.tif: is truncated")
+            return super().__getitem__(k)
+
+    _, (a, _) = estimated(Damaged(images))
+    assert a.frames == 23
+
+
 def test_hot_pixels_are_no_equations():
     images = frames(20)
     for image in images:

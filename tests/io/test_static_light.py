@@ -105,3 +105,17 @@ def test_noise_of_static_light_is_in_the_noise():
     np.testing.assert_allclose(noise.floor(0.5), static + noise.dark)
     assert Noise(2.0).floor(0.5) == 2.0
     assert Noise(0.1).floor(0.5) == 0.5
+
+
+@pytest.mark.parametrize("common", [0, 25])
+def test_particles_that_are_more_in_the_middle_do_not_brighten_the_pulse(common):
+    """Static light and seeding both grow toward the middle; ``common``: light that every pixel holds."""
+    rng = np.random.default_rng(6)
+    row, column = np.mgrid[: SENSOR.rows, : SENSOR.columns]
+    away = (row - 75) ** 2 + (column - 100) ** 2
+    static, share = 300 * np.exp(-away / 1800.0), 0.2 + 0.4 * np.exp(-away / 4000.0)
+    particles = np.where(rng.random(static.shape) < share, rng.exponential(150.0, static.shape), 0.0)
+    found = static_light(SENSOR, None, tuple(np.rint(60 + static).astype(np.uint16) for _ in range(2)))
+    for scale in (0.6, 1.0):
+        light = 60 + common + 0.5 * rng.poisson((scale * static + particles) / 0.5) + rng.normal(0, 1.5, static.shape)
+        assert found.scale(np.rint(light).astype(np.uint16), 0) == pytest.approx(scale, rel=0.03)

@@ -79,7 +79,7 @@ def check(
     findings += _files(recording)
     if recording.static_light is not None:
         findings += static.of_files(recording.static_light)
-    else:
+    elif not recording.background_of_frames:
         findings += _common_light(recording, camera)
     seen = CheckResult((), camera, names[0], frames[0], image)
     if image is not None:
@@ -231,6 +231,8 @@ def _light_and_motion(
         light.exposure(frame, recording.sensor, lit, name)
         for frame, lit, name in zip(frames, lights, names, strict=False)
     ]
+    if recording.background_of_frames:  # it will be taken off
+        each = [[found for found in one if found.name != "background"] for one in each]
     for of_frames in zip(*each, strict=True):
         out += _worst(list(of_frames))
     out.append(static.pulses(*(max(lit.mean - lit.background, 0.0) for lit in lights[:2])))

@@ -137,12 +137,19 @@ class _Pulse:
     def of(
         cls, read: Callable[[int], Image], numbers: list[int], pixels: NDArray[np.intp], gain: float, brightest: float
     ) -> _Pulse:
-        """Read the frames; no pixel is brighter than ``brightest`` counts."""
-        lowest, sample = np.array(brightest, np.float32), np.empty((len(numbers), len(pixels)), np.float32)
-        for n, number in enumerate(numbers):
-            counts = read(number)
+        """Read the frames, those left out that cannot be; no pixel is brighter than ``brightest`` counts."""
+        lowest, sampled, used = np.array(brightest, np.float32), list[Image](), list[int]()
+        for number in numbers:
+            try:
+                counts = read(number)
+            except PlenoPIVError:  # its pair is set aside
+                continue
             lowest = np.minimum(lowest, counts)
-            sample[n] = counts.ravel()[pixels]
+            sampled.append(counts.ravel()[pixels])
+            used.append(number)
+        if not used:
+            raise PlenoPIVError('recording.background = "minimum": no frame of a pulse can be read')
+        numbers, sample = used, np.stack(sampled)
         blocks, level = _dark_blocks(sample, pixels, lowest.shape)
         alone = blocks >= 0
         level = level[blocks[alone]]

@@ -44,18 +44,18 @@ class PixelLight:
     start: float
     particles: float
 
-    def level(self, std: Counts) -> NDArray[np.intp]:
+    def level(self, std: Counts) -> NDArray[np.int8]:
         """Row of the tables for pixels of noise ``std``."""
-        row = np.rint(np.log(np.maximum(std, 1e-3) / self.stds[0]) / np.log(RATIO)).astype(np.intp)
-        return np.clip(row, 0, len(self.stds) - 1)
+        row = np.rint(np.log(np.maximum(std, 1e-3) / self.stds[0]) / np.log(RATIO))
+        return np.clip(row, 0, len(self.stds) - 1).astype(np.int8)
 
-    def scores(self, residual: Counts, level: NDArray[np.intp]) -> Counts:
+    def scores(self, residual: Counts, level: NDArray[np.int8]) -> Counts:
         """Of counts that lie ``residual`` above static light; in standard deviations of the noise."""
         std = self.stds[level].astype(np.float32)
         column = (residual / std + np.float32(REACH)) * np.float32(PER_STD) + np.float32(0.5)
         return self.score[level, np.clip(column, 0, self.score.shape[1] - 1).astype(np.intp)]
 
-    def brightness(self, counts: Counts, static: Counts, level: NDArray[np.intp]) -> tuple[float, float]:
+    def brightness(self, counts: Counts, static: Counts, level: NDArray[np.int8]) -> tuple[float, float]:
         """By how much a frame's pulse was brighter than the ``static`` light (n,) that was recorded of it, by maximum
         likelihood on ``counts`` (n,) above the dark level, and the standard error; (1, inf) where static light is not
         bright enough to tell."""

@@ -21,6 +21,8 @@ MAD_TO_STD = 1.4826  # of a normal distribution
 NEARLY_FULL = 0.95  # of the sensor's range that static light may fill
 SAMPLE = 300_000  # pixels that tell by how much a pulse was brighter
 DIM = 25.0  # per cent of them, those with the least static light, show noise and particles alone
+CLEARLY = 3.0  # times as bright as those: what their own light says of the scale is small against it
+JOINT = 3  # times that the scale is found, and then what all pixels hold beside it
 CERTAIN = 0.02  # standard error of a scale that is used
 
 Image = NDArray[np.float32]
@@ -62,13 +64,16 @@ class StaticLight:
         static = self.pulses[pulse].ravel()[usable]
         light = counts.ravel()[usable] - self.dark.ravel()[usable]
         dim = static <= np.percentile(static, DIM)
-        alone = light[dim] - static[dim]
-        alone = alone - np.float32(peak(alone))
-        seen = pixel_light(alone, self.counts_per_electron, float(static.max(initial=0.0)))
-        if np.std(static[dim]) > seen.noise:
-            return 1.0
-        level = seen.level(np.sqrt(np.maximum(self.counts_per_electron * static, 0.0) + np.float32(seen.noise**2)))
-        scale, error = seen.brightness(light, static, level)
+        bright = static > CLEARLY * np.median(static[dim])
+        scale, error = 1.0, np.inf
+        for _ in range(JOINT):
+            common = np.float32(peak(light[dim] - np.float32(scale) * static[dim]))  # of a wrong black level, say
+            alone = light[dim] - np.float32(scale) * static[dim] - common
+            seen = pixel_light(alone, self.counts_per_electron, float(static.max(initial=0.0)))
+            if np.std(static[dim]) > seen.noise:
+                return 1.0
+            noise = np.sqrt(np.maximum(self.counts_per_electron * static[bright], 0.0) + np.float32(seen.noise**2))
+            scale, error = seen.brightness(light[bright] - common, static[bright], seen.level(noise))
         return scale if error < CERTAIN else 1.0
 
 
