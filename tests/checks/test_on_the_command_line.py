@@ -69,7 +69,7 @@ FAULTS = {
     "f-number mismatch": (
         f_numbers, WARNED, "f-numbers do not match", "leave dark pixels between them", "-> open the main lens to",
     ),
-    "overexposed": (exposed(8000.0), UNUSABLE, "a.tif is overexposed: ", "pixels are at full scale -> less light"),
+    "overexposed": (exposed(60000.0), UNUSABLE, "a.tif is overexposed: ", "pixels are at full scale -> less light"),
     "underexposed": (exposed(6.0), UNUSABLE, "a.tif is underexposed: a particle in focus gives", "-> more light"),
     "rather dark": (exposed(15.0), WARNED, "a.tif is underexposed: a particle in focus gives", "-> more light"),
     "too dense": (dense, WARNED, "seeding is too dense: about", "-> dilute to"),

@@ -56,5 +56,14 @@ def test_one_image_twice():
 def test_a_weak_second_pulse_and_a_saturated_frame():
     assert found(frame(1), frame(2, light=15.0))["unequal-pulses"].severity == "warning"
     bright = frame(3)
-    bright[bright > 100] = SENSOR.full_scale
+    bright[bright > 62] = SENSOR.full_scale
     assert found(frame(1), bright)["overexposed"].severity == "unusable"
+
+
+def test_pixels_that_are_no_equations_are_not_asked():
+    bright = frame(3)
+    bright[:200] = SENSOR.full_scale
+    masked = np.zeros(bright.shape, bool)
+    masked[:200] = True
+    found = PairCheck(SENSOR, None, 14.0, masked).findings((frame(1), bright), NAMES)
+    assert found == []

@@ -30,15 +30,20 @@ Progress = Callable[[str, int, int], None]
 @dataclass(frozen=True)
 class PairCheck:
     """What pairs of one recording are compared with: the upright white image (rows, columns), in counts, or None, and
-    the pitch of its micro-images."""
+    the pitch of its micro-images. ``unusable``: pixels (rows, columns) that are no equations, None for none."""
 
     sensor: Sensor
     white: NDArray | None
     pitch_px: float
+    unusable: NDArray[np.bool_] | None = None
 
     def findings(self, images: tuple[NDArray, NDArray], names: tuple[str, str]) -> list[Finding]:
         """Findings that are not good on both upright frames, in counts."""
         a, b = images
+        if self.unusable is not None:
+            level = self.sensor.black_level
+            a, b = (np.where(self.unusable, image.dtype.type(level), image) for image in images)
+            images = (a, b)
         if repeats.same_image(a, b, self.sensor):
             words = f"{names[0]} and {names[1]} are one image, down to its noise: nothing moves between them"
             return [Finding("same-frame", "unusable", words, advice="copy the frames again")]

@@ -224,9 +224,9 @@ def _light_and_motion(
     fields: list[LightField] = [decode(middle_of(frame, part), where) for frame in clean]
     lights = [light.light_of(field, projector, gain) for field in fields]
     out: list[Finding] = []
-    if recording.masked is not None:
+    if unusable is not None:
         level = np.uint16(recording.sensor.black_level)
-        frames = [np.where(recording.masked, level, frame) for frame in frames]
+        frames = [np.where(unusable, level, frame) for frame in frames]
     each = [
         light.exposure(frame, recording.sensor, lit, name)
         for frame, lit, name in zip(frames, lights, names, strict=False)

@@ -80,7 +80,7 @@ def check(file: Path, every: bool = False) -> Outcome:
             recording, experiment.camera(), experiment.grid(), experiment.correlation.settings(), progress=progress
         )
         if every:
-            pairs = PairCheck(recording.sensor, found.white, found.camera.image_pitch_px)
+            pairs = PairCheck(recording.sensor, found.white, found.camera.image_pitch_px, recording.unusable)
             found = replace(found, findings=(*found.findings, *every_pair(recording, pairs, progress)))
     drawn = _drawn(experiment, "check.png", check_figure(found))
     lines = [line for finding in found.findings for line in _finding_lines(finding)]

@@ -89,7 +89,7 @@ def judged(experiment: Experiment, recording: Recording, force: bool, progress: 
     if bad and not (force and possible):
         more = "".join(f"; {finding.words}" for finding in bad[1:])
         raise PlenoPIVError(f"{bad[0].words}: {bad[0].advice}{more}{f'; {FORCE}' if possible else ''}")
-    pairs = PairCheck(recording.sensor, found.white, found.camera.image_pitch_px)
+    pairs = PairCheck(recording.sensor, found.white, found.camera.image_pitch_px, recording.unusable)
     judgement = Judgement(force, found, pairs)
     for finding in found.findings:
         if finding.severity != "good":
