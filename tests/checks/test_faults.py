@@ -1,5 +1,7 @@
 """What a check makes of faults, in numbers; what the user reads of them is in test_on_the_command_line."""
 
+import re
+
 import numpy as np
 import pytest
 import tifffile
@@ -24,7 +26,7 @@ def test_wrong_lattice_type(recorded):
 @pytest.mark.parametrize(
     ("aperture", "stated"),
     [
-        (0.85, True),
+        pytest.param(0.85, True, marks=pytest.mark.full),
         (1.15, False),
         pytest.param(0.85, False, marks=pytest.mark.full),
         pytest.param(1.15, True, marks=pytest.mark.full),
@@ -49,6 +51,7 @@ def test_an_aperture_that_is_not_the_stated_one(recorded):
     assert "aperture_mm = 25" in fault.advice
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("still")
 def test_cut_off_below_full_scale(recording):
     edited(recording, "a", lambda image: np.minimum(image * 8, 3500))
@@ -66,6 +69,7 @@ def test_frames_without_particles(recording):
     assert "shows no microlenses" in wrong(found)["white-fits-frames"].words
 
 
+@pytest.mark.full
 def test_too_dense(tmp_path):
     found = looked_at(record(tmp_path / "r", particles_per_microlens=7.0, electrons_per_pixel=150.0))
     assert wrong(found).keys() == {"too-dense"}
@@ -258,3 +262,21 @@ def test_what_dark_and_background_images_show_is_named():
     hot, light = of_files(static_light(sensor, dark, (first, second)))
     assert (hot.name, hot.number) == ("hot-pixels", 1.0)
     assert "up to 200 counts of the first pulse, 100 of the second" in light.words
+
+
+@pytest.mark.parametrize("brightness", [0, 900])
+def test_a_reflection_in_one_pair(recording, brightness):
+    """Half a microlens wide and unsaturated; particles in focus give 200 counts."""
+    for name in "ab":
+        image = tifffile.imread(recording / f"{name}.tif").astype(float)
+        row, column = np.mgrid[: image.shape[0], : image.shape[1]]
+        image += brightness * np.exp(-((row - 250) ** 2 + (column - 120) ** 2) / (2 * 12.0**2))
+        tifffile.imwrite(recording / f"{name}.tif", np.rint(image).astype(np.uint16))
+    found = wrong(looked_at(recording)).get("static-light")
+    if brightness:
+        assert "(column, row)" in found.words
+        column, row = map(int, re.search(r"= \((\d+), (\d+)\)", found.words).groups())
+        assert abs(column - 120) < 10
+        assert abs(row - 250) < 10
+    else:
+        assert found is None

@@ -163,6 +163,7 @@ def one_image(folder):
     return repeats.findings(Experiment.load(folder / "experiment.toml").recording())
 
 
+@pytest.mark.full
 def test_a_frame_that_is_there_twice(recording):
     assert one_image(recording) == []
     shutil.copy(recording / "a.tif", recording / "b.tif")

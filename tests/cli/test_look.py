@@ -50,6 +50,7 @@ def test_check_says_good_and_draws(made, capsys):
     assert is_picture(made.parent / "look" / "check.png")
 
 
+@pytest.mark.full
 def test_check_as_json_of_a_spoilt_recording(made, capsys):
     white = made.parent / "white.tif"
     tifffile.imwrite(white, np.ascontiguousarray(tifffile.imread(white)[:, ::-1]))

@@ -97,6 +97,7 @@ def test_cuts_halve_the_error_at_the_faces(particle_pair, uniform_flow, monkeypa
     assert abs(pull) < 0.5 * pull_without
 
 
+@pytest.mark.full
 def test_ghosts_and_lost_particles_count_less(particle_pair, uniform_flow):
     rms = []
     for power in (0.0, 4.0):

@@ -74,6 +74,7 @@ def test_what_is_compiled_again(tmp_path):
     assert ended(started(tmp_path / "one", said, edited, cache)) == (7.5, ["twice", "doubled"], "")
 
 
+@pytest.mark.full
 @pytest.mark.skipif(store.fcntl is None, reason="no locks on this system")
 def test_two_processes_do_not_compile_the_same(tmp_path):
     both = [started(tmp_path / name, cache=tmp_path / "cache") for name in ("one", "two")]
@@ -82,6 +83,7 @@ def test_two_processes_do_not_compile_the_same(tmp_path):
     assert sorted(name for _, compiled, _ in found for name in compiled) == ["doubled", "twice"]
 
 
+@pytest.mark.full
 def test_numbas_folder_has_precedence_and_damage_is_mended(tmp_path):
     cache = tmp_path / "numba"
     assert ended(started(tmp_path, cache=cache, variable="NUMBA_CACHE_DIR"))[1] == ["twice", "doubled"]

@@ -126,6 +126,7 @@ def test_a_sphere_s_share_of_a_line_of_sight():
     assert weights.sphere_in_cylinder(offset).sum() == pytest.approx(1, abs=0.05)
 
 
+@pytest.mark.full
 def test_the_quality_benchmark_in_small(tmp_path):
     rows = quality.main(reduced=True, out=tmp_path)
     assert [row["ppp"] for row in rows] == [0.025, 0.05] * 2

@@ -13,6 +13,7 @@ UNEQUAL = 0.5  # of the other pulse's light below which a pulse is worth a warni
 NEARLY_EQUAL = 0.9
 TOP = 99.9  # per cent: the brightest pixels
 FEWEST_PAIRS = 4  # whose common light is static: particles of fewer may overlap by chance
+SPOT, USUAL = 3.0, 99.0  # times a particle in focus, and the brightest hundredth of what both frames share
 ABOVE_CHANCE = 3.0  # times what the same frames share when they are shifted against each other
 
 
@@ -53,6 +54,27 @@ def common_light(frames: list[NDArray], sensor: Sensor, pitch_px: float) -> Find
         "counts",
         "record each pulse without particles and name the images in recording.background; vectors near it are pulled "
         "toward zero",
+    )
+
+
+def spot(a: NDArray, b: NDArray, sensor: Sensor, pitch_px: float, particle: float) -> Finding | None:
+    """A finding where both frames of one pair (counts) hold a spot, under a microlens or more, that is far brighter
+    than particles are; ``particle``: counts of one in focus."""
+    from scipy.ndimage import uniform_filter
+
+    both = uniform_filter(np.minimum(a, b).astype(np.float32), round(pitch_px)) - np.float32(sensor.black_level)
+    top, usual = float(both.max()), float(np.percentile(both[::2, ::2], USUAL))
+    if particle <= 0 or top < SPOT * max(particle, usual):
+        return None
+    row, column = (int(k) for k in np.unravel_index(np.argmax(both), both.shape))
+    return Finding(
+        "static-light",
+        "warning",
+        f"static light: a spot of {top:.0f} counts is in both frames at (column, row) = ({column}, {row}), where a "
+        f"particle in focus gives {particle:.0f}: a reflection?",
+        top,
+        "counts",
+        "mask it (recording.mask), or name images of the light without particles in recording.background",
     )
 
 

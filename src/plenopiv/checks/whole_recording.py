@@ -236,6 +236,9 @@ def _light_and_motion(
     for of_frames in zip(*each, strict=True):
         out += _worst(list(of_frames))
     out.append(static.pulses(*(max(lit.mean - lit.background, 0.0) for lit in lights[:2])))
+    if not recording.background_of_frames:
+        bright = static.spot(clean[0], clean[1], recording.sensor, camera.image_pitch_px, lights[0].particle)
+        out += [] if bright is None else [bright]
     report("light", 1, 2)
     (lo, hi), last = grid.limits_mm()[2], correlation.windows[-1]
     x, y, z = (n * d for n, d in zip(last, grid.voxel_mm, strict=True))
