@@ -52,6 +52,7 @@ def shallow():
     return camera, suggested(camera, (-1.6, 1.6))
 
 
+@pytest.mark.full
 def test_twins_follow_from_their_seed_and_measure_motion_with_its_signs(shallow):
     camera, asked = shallow
     pair = reconstructed_pair(camera, asked, vectors=10, seed=4)

@@ -10,6 +10,7 @@ from plenopiv.experiment import Experiment
 from plenopiv.run.preview import cropped, preview
 
 
+@pytest.mark.full
 def test_a_preview_measures_the_middle_and_leaves_results_alone(experiment):
     results = experiment.output_directory
     results.mkdir()
