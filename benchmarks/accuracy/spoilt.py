@@ -1,127 +1,205 @@
-"""What the numbers of a run look like when something is wrong: the table of docs/first-steps.md.
+"""Recordings spoilt in many ways: what the program makes of each. Writes docs/spoilt.md.
 
-    python benchmarks/accuracy/spoilt.py [NAME ...]     all cases, or some; prints a row of the table for each
+    python benchmarks/accuracy/spoilt.py [NAME ...] [--again] [--out DIR]
 
-One recording, 800 x 640 px at PMR 14 and M = -1, rotation about y with a drift, windows of 48 x 48 x 16 voxels, spoilt
-in one way at a time: light, seeding, displacement, an unrelated second frame, or a wrong key of the experiment file.
+All cases, or some; half an hour on one core. A case that was tried on the same sources is not tried again but with
+--again. Each ends in one of these ways:
+
+    refused          one line that says why, and nothing is written
+    set aside        pairs are left out, with the reason; the others are measured as if unspoilt
+    warned           a finding names the cause
+    as if unspoilt   RMS at most 1.15 times that of the same particles unspoilt, on every axis, nothing gross more
+    silent           wrong without a word, and no image can show it
+    WRONG            wrong without a word, or a false alarm, or an error in the program: then the script exits with 1
 """
 
 from __future__ import annotations
 
+import argparse
+import hashlib
+import json
 import shutil
 import sys
 import tempfile
+import time
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from conditions import CONDITIONS
+from small_camera import CAMERA, DT_S, WINDOWS, Clean, clean_recording
+from spoiling import Case, Copy
+from spoilings_of_files import OF_FILES
+from spoilings_of_light import OF_LIGHT
+from spoilt_page import page
 
 import plenopiv
 from plenopiv.accuracy import score_velocity
-from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
+from plenopiv.accuracy.velocity import Score, pooled
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
-from plenopiv.lattice import Lattice
-from plenopiv.sensor import Sensor
-from plenopiv.simulation.flows import flow
 from plenopiv.simulation.sensor_noise import SensorNoise
-from plenopiv.simulation.simulated_recording import Seeding, simulate_recording
+from plenopiv.simulation.simulated_recording import Seeding
 
-DT_S = 0.0005
-CAMERA = PlenopticCamera(
-    MainLens(50.0, 25.0, -1.0),
-    Lattice("hexagonal", 0.077, 0.002, (0.02, -0.01)),
-    0.308,
-    Sensor(800, 640, 0.0055, 12, 60),
-)
-VOLUME_MM = ((-1.7, 1.7), (-1.3, 1.3), (-2.5, 2.5))
-WINDOWS = ((64, 64, 24), (48, 48, 16))
-
-
-@dataclass(frozen=True)
-class Case:
-    """A recording and what is wrong with it; ``tables`` of the experiment file that are stated otherwise."""
-
-    what: str
-    seeding: Seeding = field(default_factory=Seeding)
-    noise: SensorNoise = field(default_factory=SensorNoise)
-    drift_m_s: float = 0.1
-    other_second_frame: bool = False
-    tables: dict[str, dict[str, Any]] = field(default_factory=dict)
-
-
-CASES = {
-    "good": Case("nothing wrong, 32 particles a window"),
-    "dim": Case("dim: 9 counts a particle, 2.3 of noise", Seeding(electrons_per_pixel=20.0), SensorNoise(0.5, 5.0)),
-    "thin": Case("thin seeding: 7 particles a window", Seeding(particles_per_microlens=0.1)),
-    "dense": Case("dense seeding: 192 particles a window", Seeding(particles_per_microlens=6.0)),
-    "shallow": Case("volume half as deep as the illuminated one", tables={"volume": {"z_mm": [-1.25, 1.25]}}),
-    "fast": Case("35 voxels per frame along y, where the search range is 24", drift_m_s=1.2),
-    "unrelated": Case("second frame of another recording", other_second_frame=True),
-    "wrong f_l": Case("f_l stated 10 % too small", tables={"camera": {"microlens_array": {"focal_length_mm": 0.277}}}),
-    "wrong f_l, P_m": Case(
-        "the same, aperture 11 % too large to match",
-        tables={"camera": {"microlens_array": {"focal_length_mm": 0.277}, "main_lens": {"aperture_mm": 27.8}}},
-    ),
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+RECORDED, PAGE = HERE / "spoilt.json", ROOT / "docs" / "spoilt.md"
+MOST = 1.15  # times the RMS of the unspoilt recording
+MORE_GROSS = 0.01  # share of vectors
+PAIRS = 4
+BASES: dict[str, dict[str, Any]] = {
+    "clean": {},
+    "fast": {"drift_m_s": 1.2},
+    "thin": {"seeding": Seeding(particles_per_microlens=0.1)},
+    "dense": {"seeding": Seeding(particles_per_microlens=6.0)},
+    "dim": {"seeding": Seeding(electrons_per_pixel=20.0), "noise": SensorNoise(0.5, 5.0)},
 }
+CASES: dict[str, Case] = OF_LIGHT | OF_FILES
+SMALL = {"columns": 800, "rows": 640, "z_mm": (-2.5, 2.5), "windows": WINDOWS}
+QUIET = ("base", "square", "dim", "pmr8", "pmr28", "ppm0.25", "ppm2", "vortex-ring", "rotation1")  # of conditions.py
+
+Line = dict[str, Any]
 
 
-def changed(tables: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Nested tables with some keys replaced."""
-    return tables | {
-        key: changed(tables[key], value) if isinstance(value, dict) else value for key, value in changes.items()
-    }
+def digest(*paths: Path) -> str:
+    """A short hash of Python sources."""
+    found = sorted(file for path in paths for file in ([path] if path.is_file() else path.rglob("*.py")))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in found)).hexdigest()[:12]
 
 
-def row(case: Case, folder: Path) -> str:
-    """Simulate, spoil, run, score."""
-    rotation = flow("rotation", rate_rad_s=80.0, drift_m_s=(0.0, case.drift_m_s, 0.0))
-    how = {"dt_s": DT_S, "volume_mm": VOLUME_MM, "windows": WINDOWS, "noise": case.noise, "seeding": case.seeding}
-    made = simulate_recording(folder / "a", CAMERA, rotation, seed=5, **how)
-    if case.other_second_frame:
-        other = simulate_recording(folder / "b", CAMERA, rotation, seed=99, **how)
-        shutil.copy(other.directory / "b.tif", made.directory / "b.tif")
-    stated = Experiment.load(made.directory / "experiment.toml")
-    tables = changed(stated.model_dump(by_alias=True, exclude_none=True), case.tables)
-    experiment = Experiment.from_dict(tables, stated.path)
-    result = plenopiv.process(experiment)
-    velocity, summary, voxel_mm = result.velocity, result.summary, experiment.volume.voxel_mm
-    to_voxels = 1e3 * DT_S / np.asarray(voxel_mm)
-    std = to_voxels * [float(velocity[f"{name}_std"].median()) for name in "uvw"]
-    raw = velocity["u_raw"].values.ravel() * to_voxels[0]
-    whole = float(np.mean(np.abs(raw - np.rint(raw)) < 0.1)) / 0.2
-    residual = next(iter(summary["reconstruction"].values()))["residual_counts_by_round"]
+def scores(velocity: Any, experiment: Experiment, clean: Clean) -> dict[int, Score]:
+    """The score of each pair that was measured, by the true time between its frames."""
+    found = {}
+    for n, seconds in enumerate(velocity.time.values):
+        pair = round(float(seconds) / experiment.recording_table.dt_s - 0.5)
+        settings = {"dt_s": DT_S, "voxel_mm": experiment.volume.voxel_mm, "time": n}
+        found[pair] = score_velocity(velocity, *clean.truth(pair), CAMERA, window_voxels=WINDOWS[-1], **settings)
+    return found
+
+
+def findings_of(result: Any, experiment: Experiment) -> list[dict[str, Any]]:
+    """What the run found that is not good."""
+    return result.summary["findings"]
+
+
+def unspoilt(found: dict[int, Score], reference: dict[int, dict[str, Any]]) -> tuple[bool, float]:
+    """Whether errors are those of the unspoilt recording's same pairs, and the largest ratio of them."""
+    here = pooled(list(found.values()))
+    there = [reference[pair] for pair in found]
+    rms = [(sum(r["rms"][k] ** 2 for r in there) / len(there)) ** 0.5 for k in range(3)]
+    gross = sum(r["gross"] for r in there) / len(there)
+    ratio = max(a / b for a, b in zip(here.rms, rms, strict=True)) if here.gross < 1 else float("inf")
+    return ratio <= MOST and here.gross <= gross + MORE_GROSS and here.answered == 1.0, ratio
+
+
+def tried(case: Case, copy: Copy, reference: dict[int, dict[str, Any]] | None) -> Line:
+    """Run a spoilt copy, and say how that ended."""
     try:
-        particles = made.a.position_mm, made.b.position_mm
-        score = score_velocity(
-            velocity, *particles, CAMERA, dt_s=DT_S, voxel_mm=voxel_mm, window_voxels=experiment.correlation.windows[-1]
-        ).final
-        gross = f"{100 * score.gross:.0f}"
-        error = " / ".join(f"{e:.2f}" for e in score.rms) if score.gross < 0.5 else "none of use"
-    except PlenoPIVError as problem:
-        gross, error = "", str(problem)
-    cells = [
-        case.what,
-        f"{100 * summary['replaced_share']:.1f}",
-        f"{summary['median_peak_ratio']:.1f}",
-        " / ".join(f"{s:.2f}" for s in std),
-        f"{whole:.1f}",
-        f"{residual[0]:.0f}, {residual[1]:.0f}, {residual[-1]:.0f}",
-        str(len(summary["warnings"])),
-        error,
-        gross,
-    ]
-    return f"| {' | '.join(cells)} |"
+        case.spoil(copy)
+        experiment = Experiment.load(copy.save())
+        result = plenopiv.process(experiment, overwrite=True)
+    except PlenoPIVError as error:
+        return {"outcome": "WRONG" if case.fine else "refused", "why": str(error)}
+    except Exception as error:  # whatever the program did not foresee
+        return {"outcome": "WRONG", "why": f"{type(error).__name__}: {error}"}
+    found = findings_of(result, experiment)
+    aside = {one["pair"]: one["reason"] for one in result.summary.get("set_aside", ())}
+    names = [one["name"] for one in found]
+    line: Line = {"findings": names, "warnings": result.summary["warnings"], "set_aside": sorted(aside)}
+    measured = scores(result.velocity, experiment, copy.clean) if _is_measured(case, experiment) else {}
+    if measured:
+        errors = pooled(list(measured.values()))
+        line |= {"rms": errors.rms, "gross": errors.gross}
+        line["pairs"] = {str(pair): {"rms": s.final.rms, "gross": s.final.gross} for pair, s in measured.items()}
+    as_unspoilt = False
+    if measured and reference is not None:
+        as_unspoilt, line["ratio"] = unspoilt(measured, reference)
+    named = [one for one in found if one["name"] in case.causes]
+    if case.fine:
+        alarms = [one["words"] for one in found] + list(aside.values()) + result.summary["warnings"]
+        right = not alarms and (as_unspoilt or reference is None)
+        return line | {"outcome": "as if unspoilt" if right else "WRONG", "why": "; ".join(alarms)}
+    if case.bad and set(aside) - set(case.bad):
+        return line | {"outcome": "WRONG", "why": f"good pairs are set aside: {aside}"}
+    if aside and as_unspoilt:
+        return line | {"outcome": "set aside", "why": next(iter(aside.values()))}
+    if named:
+        return line | {"outcome": "warned", "why": named[0]["words"]}
+    if as_unspoilt:
+        return line | {"outcome": "as if unspoilt", "why": ""}
+    others = "; ".join(f"{one['name']}: {one['words']}" for one in found) or "; ".join(result.summary["warnings"])
+    return line | {"outcome": "silent" if case.silent else "WRONG", "why": others}
+
+
+def _is_measured(case: Case, experiment: Experiment) -> bool:
+    """Whether the fields are those of the pairs whose particles are known."""
+    return experiment.recording_table.pairs is not None and case.base != "fast"
+
+
+def case_line(name: str, recordings: Path, reference: dict[int, dict[str, Any]] | None) -> Line:
+    """One of ``CASES``."""
+    case = CASES[name]
+    clean = clean_recording(recordings / case.base, PAIRS if case.base == "clean" else 1, **BASES[case.base])
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Copy(clean, Path(folder) / "recording", case.pairs, seed=sum(name.encode()))
+        return tried(case, copy, reference if case.base == "clean" else None)
+
+
+def condition_line(name: str, recordings: Path) -> Line:
+    """A recording with nothing wrong under one of the conditions of docs/accuracy.md: no word may come."""
+    folder = recordings / "conditions" / name
+    if not (folder / "experiment.toml").exists():
+        replace(CONDITIONS[name], **SMALL).simulate(folder)
+    try:
+        result = plenopiv.process(Experiment.load(folder / "experiment.toml"), overwrite=True)
+    except PlenoPIVError as error:
+        return {"outcome": "WRONG", "why": str(error)}
+    shutil.rmtree(result.directory)
+    found = findings_of(result, Experiment.load(folder / "experiment.toml"))
+    alarms = [f"{one['name']}: {one['words']}" for one in found] + result.summary["warnings"]
+    return {"outcome": "WRONG" if alarms else "no word", "why": "; ".join(alarms)}
 
 
 def main() -> None:
-    """All cases, or those named."""
+    everything = [*CASES, *(f"condition {name}" for name in QUIET)]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(everything))
+    parser.add_argument("--again", action="store_true", help="try cases that were tried on the same sources")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "spoilt", metavar="DIR")
+    arguments = parser.parse_args()
+    if unknown := set(arguments.names) - set(everything):
+        parser.error(f"no case is called {', '.join(sorted(unknown))}")
     warnings.simplefilter("ignore", PlenoPIVWarning)
-    for name in sys.argv[1:] or CASES:
-        with tempfile.TemporaryDirectory() as folder:
-            print(row(CASES[name], Path(folder)), flush=True)
+
+    simulation = digest(ROOT / "src" / "plenopiv" / "simulation", HERE / "small_camera.py", HERE / "conditions.py")
+    recordings = arguments.out / f"recordings-{simulation}"
+    version = digest(ROOT / "src" / "plenopiv", *HERE.glob("spoil*.py"), HERE / "small_camera.py")
+    kept = arguments.out / "results.jsonl"
+    known = {line["name"]: line for line in map(json.loads, kept.read_text().splitlines())} if kept.exists() else {}
+    for name in dict.fromkeys(["nothing", *(arguments.names or everything)]):
+        asked_again = arguments.again and (name in arguments.names or not arguments.names)
+        if name in known and known[name]["version"] == version and not asked_again:
+            continue
+        begin = time.process_time()
+        if name == "nothing":
+            line = case_line(name, recordings, None)
+        elif name in CASES:
+            of_pairs = {int(pair): errors for pair, errors in known["nothing"].get("pairs", {}).items()}
+            line = case_line(name, recordings, of_pairs or None)
+        else:
+            line = condition_line(name.removeprefix("condition "), recordings)
+        line = {"name": name, "version": version} | line | {"cpu_s": round(time.process_time() - begin, 1)}
+        known[name] = line
+        with kept.open("a") as file:
+            file.write(json.dumps(line) + "\n")
+        ratio = f" {line['ratio']:.2f}" if "ratio" in line else ""
+        print(f"{name:32s} {line['outcome']:15s}{ratio} {line['why'][:120]}", flush=True)
+    lines = [known[name] for name in everything if name in known]
+    if len(lines) == len(everything):
+        RECORDED.write_text(json.dumps(lines, indent=1) + "\n")
+        PAGE.write_text(page(lines, CASES))
+    sys.exit(1 if any(line["outcome"] == "WRONG" for line in lines) else 0)
 
 
 if __name__ == "__main__":
