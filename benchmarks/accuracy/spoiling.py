@@ -148,12 +148,14 @@ class Case:
 
     ``base``: which clean recording is copied (``small_camera``, spoilt.py), and how many of its ``pairs``. ``bad``: the
     pairs, counted from 0, that alone are spoilt; empty where the whole recording is. ``fine``: measured as if unspoilt
-    without any warning; ``silent``: nothing tells it, and it may be wrong.
+    without any warning; ``silent``: nothing tells it, and it may be wrong. ``says``: a regular expression, of warnings
+    of the run that name the cause too.
     """
 
     what: str
     spoil: Spoil
     causes: tuple[str, ...] = ()
+    says: str = field(default="$^", kw_only=True)
     bad: tuple[int, ...] = ()
     silent: bool = False
     fine: bool = False

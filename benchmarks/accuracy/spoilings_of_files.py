@@ -10,7 +10,9 @@ from spoiling import BLACK, MIDDLE, SENSOR, Case, Copy, Spoil, read, write
 
 ORIENTATION_TAG = 274
 LENS, ARRAY, PIXELS = "camera.main_lens.", "camera.microlens_array.", "camera.sensor."
-UNRELATED = ("displacement", "unrelated")
+UNRELATED = ("unrelated",)
+APERTURES = "f-numbers do not match"
+FAR = "more than a quarter of the first window"
 SAME = ("same-frame",)
 
 
@@ -185,6 +187,7 @@ OF_FILES: dict[str, Case] = {
         "both +5 %",
         _together((LENS + "magnification", 1.05), (PIXELS + "pixel_pitch_mm", 1.05)),
         ("lattice-pitch", "no-lattice", "f-number", "stated-aperture"),
+        says=APERTURES,
         silent=True,
     ),
     "microlens pitch": Case(
@@ -194,13 +197,16 @@ OF_FILES: dict[str, Case] = {
         "focal length of the microlenses +20 %",
         lambda c: c.times(ARRAY + "focal_length_mm", 1.2),
         ("f-number", "stated-aperture"),
+        says=APERTURES,
     ),
     "microlens f and aperture": Case(
         "the same, aperture to match",
         _together((ARRAY + "focal_length_mm", 1.2), (LENS + "aperture_mm", 1 / 1.2)),
         silent=True,
     ),
-    "aperture": Case("aperture +10 %", lambda c: c.times(LENS + "aperture_mm", 1.1), ("f-number", "stated-aperture")),
+    "aperture": Case(
+        "aperture +10 %", lambda c: c.times(LENS + "aperture_mm", 1.1), ("f-number", "stated-aperture"), says=APERTURES
+    ),
     "lattice": Case("square lattice stated", lambda c: c.key(ARRAY + "lattice", "square"), ("lattice-type",)),
     "bit depth": Case("16 bits stated for 12", lambda c: c.key(PIXELS + "bit_depth", 16), fine=True),
     "half volume": Case(
@@ -209,11 +215,16 @@ OF_FILES: dict[str, Case] = {
     "other volume": Case(
         "volume beside the light",
         lambda c: c.key("volume.z_mm", [2.6, 5.0]),
-        ("volume-cut", "displacement", "background"),
+        ("volume-cut", "background"),
     ),
     # flow and seeding
     "fast": Case(
-        "35 voxels per frame, where 24 are searched", lambda copy: None, ("displacement",), base="fast", pairs=1
+        "35 voxels per frame, where 24 are searched",
+        lambda copy: None,
+        ("displacement-too-large",),
+        says=FAR,
+        base="fast",
+        pairs=1,
     ),
     "thin": Case("seeding of 0.1 particles per microlens", lambda copy: None, fine=True, base="thin", pairs=1),
     "dense": Case("seeding of 6 particles per microlens", lambda copy: None, ("too-dense",), base="dense", pairs=1),

@@ -126,13 +126,13 @@ OF_LIGHT: dict[str, Case] = {
     "half dark": Case(
         "right half of one frame dark",
         lambda copy: _half_dark(copy, [MIDDLE]),
-        ("unequal-pulses", "pulses", "half-dark"),
+        ("unequal-pulses", "partly-dark"),
         (MIDDLE,),
     ),
     "half dark, all": Case(
         "right half of every second frame dark",
         lambda copy: _half_dark(copy, None),
-        ("unequal-pulses", "pulses", "half-dark"),
+        ("unequal-pulses", "partly-dark"),
     ),
     # what software does to images
     "gamma": Case("gamma of 2.2 in the camera", _gamma, ("black-level", "background", "gamma")),

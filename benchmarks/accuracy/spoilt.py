@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import re
 import shutil
 import sys
 import tempfile
@@ -78,11 +79,6 @@ def scores(velocity: Any, experiment: Experiment, clean: Clean) -> dict[int, Sco
     return found
 
 
-def findings_of(result: Any, experiment: Experiment) -> list[dict[str, Any]]:
-    """What the run found that is not good."""
-    return result.summary["findings"]
-
-
 def unspoilt(found: dict[int, Score], reference: dict[int, dict[str, Any]]) -> tuple[bool, float]:
     """Whether errors are those of the unspoilt recording's same pairs, and the largest ratio of them."""
     here = pooled(list(found.values()))
@@ -103,8 +99,8 @@ def tried(case: Case, copy: Copy, reference: dict[int, dict[str, Any]] | None) -
         return {"outcome": "WRONG" if case.fine else "refused", "why": str(error)}
     except Exception as error:  # whatever the program did not foresee
         return {"outcome": "WRONG", "why": f"{type(error).__name__}: {error}"}
-    found = findings_of(result, experiment)
-    aside = {one["pair"]: one["reason"] for one in result.summary.get("set_aside", ())}
+    found = result.summary["findings"]
+    aside = {one["pair"]: one["reason"] for one in result.summary["set_aside"]}
     names = [one["name"] for one in found]
     line: Line = {"findings": names, "warnings": result.summary["warnings"], "set_aside": sorted(aside)}
     measured = scores(result.velocity, experiment, copy.clean) if _is_measured(case, experiment) else {}
@@ -115,9 +111,10 @@ def tried(case: Case, copy: Copy, reference: dict[int, dict[str, Any]] | None) -
     as_unspoilt = False
     if measured and reference is not None:
         as_unspoilt, line["ratio"] = unspoilt(measured, reference)
-    named = [one for one in found if one["name"] in case.causes]
+    named = [one["words"] for one in found if one["name"] in case.causes]
+    named += [words for words in result.summary["warnings"] if re.search(case.says, words)]
     if case.fine:
-        alarms = [one["words"] for one in found] + list(aside.values()) + result.summary["warnings"]
+        alarms = result.summary["warnings"]
         right = not alarms and (as_unspoilt or reference is None)
         return line | {"outcome": "as if unspoilt" if right else "WRONG", "why": "; ".join(alarms)}
     if case.bad and set(aside) - set(case.bad):
@@ -125,10 +122,10 @@ def tried(case: Case, copy: Copy, reference: dict[int, dict[str, Any]] | None) -
     if aside and as_unspoilt:
         return line | {"outcome": "set aside", "why": next(iter(aside.values()))}
     if named:
-        return line | {"outcome": "warned", "why": named[0]["words"]}
+        return line | {"outcome": "warned", "why": named[0]}
     if as_unspoilt:
         return line | {"outcome": "as if unspoilt", "why": ""}
-    others = "; ".join(f"{one['name']}: {one['words']}" for one in found) or "; ".join(result.summary["warnings"])
+    others = "; ".join(result.summary["warnings"])
     return line | {"outcome": "silent" if case.silent else "WRONG", "why": others}
 
 
@@ -156,8 +153,7 @@ def condition_line(name: str, recordings: Path) -> Line:
     except PlenoPIVError as error:
         return {"outcome": "WRONG", "why": str(error)}
     shutil.rmtree(result.directory)
-    found = findings_of(result, Experiment.load(folder / "experiment.toml"))
-    alarms = [f"{one['name']}: {one['words']}" for one in found] + result.summary["warnings"]
+    alarms = result.summary["warnings"]
     return {"outcome": "WRONG" if alarms else "no word", "why": "; ".join(alarms)}
 
 
@@ -171,6 +167,7 @@ def main() -> None:
     if unknown := set(arguments.names) - set(everything):
         parser.error(f"no case is called {', '.join(sorted(unknown))}")
     warnings.simplefilter("ignore", PlenoPIVWarning)
+    warnings.showwarning = lambda *shown: None  # a run shows them all the same
 
     simulation = digest(ROOT / "src" / "plenopiv" / "simulation", HERE / "small_camera.py", HERE / "conditions.py")
     recordings = arguments.out / f"recordings-{simulation}"
