@@ -10,6 +10,8 @@ stamps.py        times and cameras in the files
 repeats.py       frames that are one image
 reversal.py      pairs that are read as a sequence
 pair.py          each pair of a run as it comes
+explained.py     light of a frame that its volume does not explain
+common.py        pairs whose frames have nothing in common
 whole_recording.py   all of them on one recording
 """
 

@@ -10,16 +10,19 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from plenopiv.chain import Chain
-from plenopiv.checks import CheckResult, Finding, PairCheck, check
+from plenopiv.checks import CheckResult, Finding, PairCheck, check, common, explained
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
 from plenopiv.recording import Recording
 from plenopiv.run.pair import Frame, Progress
+
+if TYPE_CHECKING:
+    import xarray
 
 OF_FRAMES = {"underexposed", "overexposed", "flipped", "other-camera", "same-frame", "partly-dark"}
 FORCE = "--force (force=True in Python) goes on all the same"
@@ -56,6 +59,20 @@ class Judgement:
                 self.aside(recording, number, f"{finding.words}; {finding.advice}")
                 return False
             self._note(finding)
+        for frame, name in zip(frames, names, strict=True):
+            if left := explained.finding(frame.unexplained, name):
+                self._note(left)
+        return True
+
+    def field_fits(self, recording: Recording, number: int, velocity: xarray.Dataset) -> bool:
+        """Whether the field of a pair is one; if its frames have nothing in common the pair is set aside."""
+        found = common.finding(velocity, [printable(recording.frames[k].name) for k in recording.pairs[number]])
+        if found is None:
+            return True
+        if found.severity == "unusable" and not self.forced:
+            self.aside(recording, number, f"{found.words}; {found.advice}")
+            return False
+        self._note(found)
         return True
 
     def aside(self, recording: Recording, number: int, reason: str) -> None:

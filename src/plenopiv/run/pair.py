@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from plenopiv.chain import Chain
+from plenopiv.checks.explained import unexplained_share
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.reconstruct import Reconstruction
 from plenopiv.recording import ImageSource, Recording
 
@@ -21,13 +23,14 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame of a recording, reconstructed: its number from 0, where it came from, and its upright image in counts
-    without static light."""
+    """A frame of a recording, reconstructed: its number from 0, where it came from, its upright image in counts
+    without static light, and the share of its light that the volume does not explain (``unexplained_share``)."""
 
     number: int
     source: ImageSource
     image: NDArray
     found: Reconstruction
+    unexplained: float | None
 
     @property
     def name(self) -> str:
@@ -44,6 +47,7 @@ class Frame:
             "candidate_share": self.found.candidates,
             "residual_counts_by_round": list(self.found.residuals),
             "voxels_kept": int(self.found.volume.column.size),
+            "unexplained_share": self.unexplained,
         }
 
 
@@ -56,7 +60,10 @@ def reconstructed(chain: Chain, recording: Recording, number: int, progress: Pro
     source, (light, static) = recording.frames[number], recording.light(number)
     behind = None if static is None else [static]
     found = chain.reconstruct([light], source.name, partial(progress, f"reconstruction of {source.name}"), behind)
-    return Frame(number, source, light, found)
+    left = None
+    if isinstance(chain.projection, PlenopticProjector):
+        left = unexplained_share(chain.projection, found.volume, light, found.noise)
+    return Frame(number, source, light, found, left)
 
 
 def velocity_between(

@@ -92,9 +92,11 @@ def run(
             first = first or FirstFrame.of(planned.chain, before, clock)
             with clock("correlation"):
                 time_s = recording.mid_time_s(number)
-                fields.append(velocity_between(planned.chain, before, after, recording.dt_s, time_s, report))
+                field = velocity_between(planned.chain, before, after, recording.dt_s, time_s, report)
+            if judgement.field_fits(recording, number, field):
+                fields.append(field)
             del before, after, frame  # their volumes are not held while the next one is made
-        if first is None:
+        if first is None or not fields:
             raise PlenoPIVError(f"no pair can be measured: {judgement.set_aside[0]['reason']}")
         velocity = joined(fields, experiment, judgement.quality)
         told = not_in_images(planned.chain, fields, recording.dt_s, recording.orientation)

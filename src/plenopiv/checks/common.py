@@ -1,0 +1,33 @@
+"""Whether the two frames of a pair have particles in common, asked of the field that was measured between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plenopiv.checks.findings import Finding
+from plenopiv.velocity import replaced_share
+
+if TYPE_CHECKING:
+    import xarray
+
+MOST_REPLACED = 0.5  # of the vectors: of frames that have nothing in common 0.85 to 0.95
+MANY_REPLACED = 0.25
+CLEAR_PEAK = 2.0  # median ratio of the highest peak to the next; 1.2 of frames that have nothing in common
+ADVICE = (
+    "are these two frames of one pair, in one orientation? If so: a smaller dt, larger first windows, more light or "
+    "particles; plenopiv check tells more"
+)
+
+
+def finding(velocity: xarray.Dataset, names: Sequence[str]) -> Finding | None:
+    """A finding where most vectors between the frames ``names`` had to be replaced."""
+    share, ratio = replaced_share(velocity), float(np.nanmedian(velocity["peak_ratio"].values))
+    if share < MANY_REPLACED or (share < MOST_REPLACED and ratio > CLEAR_PEAK):
+        return None
+    nothing = share > MOST_REPLACED and ratio < CLEAR_PEAK
+    has = "have nothing in common" if nothing else "have little in common"
+    words = f"{names[0]} and {names[1]} {has}: {100 * share:.0f} % of the vectors had to be replaced"
+    return Finding("unrelated", "unusable" if nothing else "warning", words, 100 * share, "%", ADVICE)
