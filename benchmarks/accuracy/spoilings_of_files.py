@@ -210,12 +210,12 @@ OF_FILES: dict[str, Case] = {
     "lattice": Case("square lattice stated", lambda c: c.key(ARRAY + "lattice", "square"), ("lattice-type",)),
     "bit depth": Case("16 bits stated for 12", lambda c: c.key(PIXELS + "bit_depth", 16), fine=True),
     "half volume": Case(
-        "volume half as deep as the light", lambda c: c.key("volume.z_mm", [-1.25, 1.25]), ("volume-cut", "background")
+        "volume half as deep as the light", lambda c: c.key("volume.z_mm", [-1.25, 1.25]), ("unexplained-light",)
     ),
     "other volume": Case(
         "volume beside the light",
         lambda c: c.key("volume.z_mm", [2.6, 5.0]),
-        ("volume-cut", "background"),
+        ("unexplained-light",),
     ),
     # flow and seeding
     "fast": Case(
