@@ -116,6 +116,9 @@ def test_what_successive_displacements_say(steps, severity):
         ((0.5, 0.12, 0.12), None),
         ((0.1, 0.12, 0.1), None),
         ((0.25, 0.2, 0.25), None),
+        ((0.41, 0.24, 0.42, 0.23), "unusable"),  # a sensor so small that chance correlates more
+        ((0.41, 0.32, 0.42, 0.30), "good"),
+        ((0.41, 0.24, 0.24, 0.42), "good"),
         ((0.5, 0.12), None),
     ],
 )

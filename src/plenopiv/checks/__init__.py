@@ -6,6 +6,7 @@ fit.py           whether the frames' light falls where the white image has its m
 light.py         exposure and background of frames
                  seeding: particles per microlens, per pixel, per window
 motion.py        displacement between two frames, from refocused pictures
+at_rest.py       light that frames of different pairs have in common
 stamps.py        times and cameras in the files
 repeats.py       frames that are one image
 reversal.py      pairs that are read as a sequence

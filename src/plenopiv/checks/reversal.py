@@ -29,6 +29,7 @@ FRAMES = 5  # the first of the recording
 EVERY = 9  # of the views
 SLABS = 3  # of the depth, in which particles move alike
 FOUND = 0.22  # median correlation coefficient: same particles have 0.29 to 0.65 here, others 0.11 to 0.19
+CHANCE = 0.62  # of the strongest step: where those below alternate with those above, they have no particles in common
 LOST = 0.75  # of the weakest step that is found, below which another has no particles in common
 MOVES = 0.6  # microlenses by which two steps must differ, before it counts
 ALIKE = 0.35  # of the difference of two steps by which what is equal may differ
@@ -113,10 +114,14 @@ def finding(found: Steps, named: NamedPairs | None = None) -> Finding | None:
     strengths = [step.strength for step in found]
     weakest = min((s for s in strengths if s >= FOUND), default=np.inf)
     seen = [s >= FOUND for s in strengths]
+    strong = [s > CHANCE * max(strengths) for s in strengths]
+    if _alternates(strong) and any(s >= FOUND for s in strengths):
+        seen = strong
+        weakest = min(s for s, found_here in zip(strengths, strong, strict=True) if found_here)
     if any(not s and strength > LOST * weakest for s, strength in zip(seen, strengths, strict=True)):
         return None  # neither found nor lost
     shares = ", ".join(f"{s:.2f}" for s in strengths)
-    if len(seen) > 2 and any(seen) and all(a != b for a, b in pairwise(seen)):
+    if any(seen) and _alternates(seen):
         words = f"only every second frame has particles in common with the next one (correlations {shares})"
         return _bad(words, len(seen) > 3 or seen[0], named)
     if not all(seen) or len(seen) < 2:
@@ -133,6 +138,11 @@ def finding(found: Steps, named: NamedPairs | None = None) -> Finding | None:
     if max(differ) > 1 - MOST:
         return None
     return Finding("reversing", "good", f"successive displacements agree over {len(found) + 1} frames", max(differ))
+
+
+def _alternates(seen: Sequence[bool]) -> bool:
+    """Whether every second one of three and more is true."""
+    return len(seen) > 2 and all(a != b for a, b in pairwise(seen))
 
 
 def _differ(a: Step, b: Step) -> NDArray[np.bool_]:

@@ -18,6 +18,7 @@ TAKEN = ((36867, 37521), (306, 37520))  # DateTimeOriginal before DateTime, whic
 CAMERA = ((271, "make"), (272, "model"), (50735, "serial number"))
 NAMES = ("acquisition_time", "timestamp", "time_stamp", "time", "creation time", "creation_time", "datetime", "t")
 UNITS = {"": Decimal(1), "_s": Decimal(1), "_ms": Decimal("1e-3"), "_us": Decimal("1e-6"), "_ns": Decimal("1e-9")}
+ORIENTATION, AS_STORED = 274, 1
 LAST = ("time of change",)  # of a file, where it says nothing else
 DATE = re.compile(
     r"(\d{4})[-:](\d\d)[-:](\d\d)[T ](\d\d):(\d\d):(\d\d)(?:[.,](\d{1,12}))?\s*(Z|[+-]\d\d:?\d\d)?", re.ASCII
@@ -185,3 +186,29 @@ def same_camera(frame: tuple[str, Stamp], white: tuple[str, Stamp]) -> Finding |
                 advice="take the white image with the camera of the frames",
             )
     return None
+
+
+def orientation(source: ImageSource) -> int:
+    """How a viewer should turn or mirror an image by its TIFF tag: 1 as it is stored, and where it says nothing.
+
+    Raises:
+        PlenoPIVError: as ``ImageSource.size``.
+    """
+    value = source.tags().get(ORIENTATION, AS_STORED)
+    return value if isinstance(value, int) else AS_STORED
+
+
+def turned(images: Sequence[tuple[str, int]]) -> Finding | None:
+    """A finding where files say that they are to be shown turned or mirrored; ``images``: names and their tags."""
+    named = [(name, tag) for name, tag in images if tag != AS_STORED]
+    if not named:
+        return None
+    name, tag = named[0]
+    return Finding(
+        "orientation-tag",
+        "warning",
+        f"{name} is to be shown turned or mirrored by its TIFF tag (orientation {tag}); counts are taken as stored",
+        float(tag),
+        "",
+        "check recording.orientation with a printed letter (docs/frame-and-units.md), then save without the tag",
+    )

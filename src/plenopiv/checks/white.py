@@ -18,12 +18,14 @@ REGION_PX = 0.1
 MATCHED = 0.04  # by which micro-images may be wider or narrower than the pitch; measured to 0.5 %
 STATED = 0.04  # and than the stated aperture makes them
 SATURATED = 1e-3  # share of the pixels
+DEAD = 1e-3  # share of the pixels without any count
+NO_COUNT = 1.0
 DARK = 0.05  # of the sensor's range that the lit pixels should reach
 
 
 def white_image(white: NDArray, camera: PlenopticCamera, name: str) -> tuple[list[Finding], LatticeFit | None]:
     """Findings on an upright white image in counts, and the lattice, None where none is found."""
-    out = _light(white, camera, name)
+    out = [*_light(white, camera, name), *_dead(white, camera, name)]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PlenoPIVWarning)  # a finding below
@@ -85,3 +87,16 @@ def _light(white: NDArray, camera: PlenopticCamera, name: str) -> list[Finding]:
         advice = "record it with more light, or average several images: the lattice is found from it"
         return [Finding("white-underexposed", "warning", f"{name} is underexposed: {words}", 100 * level, "%", advice)]
     return [Finding("white-light", "good", words, 100 * level, "%")]
+
+
+def _dead(white: NDArray, camera: PlenopticCamera, name: str) -> list[Finding]:
+    """Pixels without any count, where the sensor gives dark ones some."""
+    share, level = float(np.mean(white <= NO_COUNT)), camera.sensor.black_level
+    if level < 10 * NO_COUNT or share < DEAD:
+        return []
+    words = (
+        f"{100 * share:.2g} % of the pixels of {name} hold no count, where black_level = {level:g}: "
+        "they are dead, or the camera subtracts the black level"
+    )
+    advice = "name a dark image in recording.dark, or mask them: recording.mask; or set camera.sensor.black_level = 0"
+    return [Finding("dead-pixels", "warning", words, 100 * share, "%", advice)]

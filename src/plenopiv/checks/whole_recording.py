@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from plenopiv.calibration import LatticeFit
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.checks import fit, light, motion, repeats, reversal, stamps, static, white
+from plenopiv.checks import at_rest, fit, light, motion, repeats, reversal, stamps, static, white
 from plenopiv.checks.findings import Finding
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
@@ -90,6 +90,9 @@ def check(
         if found is None:
             return replace(seen, findings=tuple(findings))
         seen = replace(seen, camera=camera.with_lattice(found.lattice), lattice=found)
+        taken_off = recording.static_light is not None or recording.background_of_frames
+        if not taken_off and "static-light" not in [finding.name for finding in findings]:
+            findings += _at_rest(recording, seen.camera, image)
         report("frames against the white image", 0, 1)
         fits = fit.fits(frames, image, seen.camera.image_pitch_px, camera.sensor.black_level)
         report("frames against the white image", 1, 1)
@@ -147,6 +150,10 @@ def _files(recording: Recording) -> list[Finding]:
         white = recording.white_source
         other = stamps.same_camera(marks[0], (printable(white.name), stamps.stamp(white)))
         out += [other] if other else []
+    sources = [frame for k, frame in enumerate(recording.frames) if k not in recording.damaged][:1]
+    sources += [recording.white_source] if recording.white_source is not None else []
+    turned = stamps.turned([(printable(source.name), stamps.orientation(source)) for source in sources])
+    out += [turned] if turned else []
     return out
 
 
@@ -172,13 +179,7 @@ def _common_light(recording: Recording, camera: PlenopticCamera) -> list[Finding
     successive frames overlap."""
     if recording.is_sequence:
         return []
-    part, count = middle(recording.sensor, MIDDLE_PX, MIDDLE_PX), len(recording.pairs)
-    chosen = sorted({round(k) for k in np.linspace(0, count - 1, min(count, PAIRS))})
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PlenoPIVWarning)
-        frames = [
-            middle_of(frame, part) for k in chosen if (frame := _frame(recording, recording.pairs[k][0])) is not None
-        ]
+    frames = _first_frames(recording)
     found = static.common_light(frames, recording.sensor, camera.image_pitch_px)
     return [] if found is None else [found]
 
@@ -189,6 +190,30 @@ def _frame(recording: Recording, k: int) -> NDArray[np.uint16] | None:
         return recording.frame(k)
     except PlenoPIVError:
         return None
+
+
+def _at_rest(recording: Recording, camera: PlenopticCamera, white: NDArray) -> list[Finding]:
+    """The same by correlation with a ``white`` image, for which two pairs are enough."""
+    if recording.is_sequence:
+        return []
+    frames = _first_frames(recording)
+    if len(frames) < 2:
+        return []
+    part = middle(recording.sensor, MIDDLE_PX, MIDDLE_PX)
+    found = at_rest.finding(at_rest.in_common(frames, middle_of(white, part), camera))
+    return [] if found is None else [found]
+
+
+def _first_frames(recording: Recording) -> list[NDArray]:
+    """First frames of some pairs, spread over the recording, the sensor's middle."""
+    part, count = middle(recording.sensor, MIDDLE_PX, MIDDLE_PX), len(recording.pairs)
+    chosen = sorted({round(k) for k in np.linspace(0, count - 1, min(count, PAIRS))})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PlenoPIVWarning)
+        frames = [
+            middle_of(frame, part) for k in chosen if (frame := _frame(recording, recording.pairs[k][0])) is not None
+        ]
+    return frames
 
 
 def _worst(findings: list[Finding]) -> list[Finding]:
