@@ -34,6 +34,7 @@ def _dead_rows(copy: Copy) -> None:
         return counts
 
     copy.change(dead)
+    write(copy.white, dead(read(copy.white)))
 
 
 def _stuck(copy: Copy) -> None:
@@ -99,7 +100,7 @@ def _stored(function) -> Spoil:
 
 
 WRONG_WHITE = ("other-camera", "white-moved")
-STATIC = ("static-light", "background")
+STATIC = ("static-light", "background", "unexplained-light")
 
 OF_LIGHT: dict[str, Case] = {
     "nothing": Case("nothing", lambda copy: None, fine=True),
@@ -114,7 +115,7 @@ OF_LIGHT: dict[str, Case] = {
     "stuck particles": Case("particles stuck to a window, half as bright", _stuck, STATIC),
     "hot pixels": Case("1e-4 of the pixels hot, 800 counts", _hot, ("hot-pixels", "static-light")),
     "hot pixels, 1 pair": Case("the same, one pair", _hot, ("hot-pixels", "static-light"), pairs=1),
-    "dead rows": Case("three rows of the sensor dead", _dead_rows, ("dead-pixels", "hot-pixels", "black-level")),
+    "dead rows": Case("three rows of the sensor dead", _dead_rows, ("dead-pixels",)),
     "white x0.3 added": Case("0.3 of the white image in every frame", _white_in_frames, STATIC),
     "background +300": Case("300 counts more in every pixel", lambda copy: copy.add(300.0 + 0 * COLUMN), STATIC),
     # pulses and exposure
@@ -135,7 +136,7 @@ OF_LIGHT: dict[str, Case] = {
         ("unequal-pulses", "partly-dark"),
     ),
     # what software does to images
-    "gamma": Case("gamma of 2.2 in the camera", _gamma, ("black-level", "background", "gamma")),
+    "gamma": Case("gamma of 2.2 in the camera", _gamma, ("black-level", "background", "unexplained-light")),
     "median filter": Case("median filter of 3 x 3 in the camera", _smoothed, ("filtered", "white-fits-frames")),
     "black subtracted": Case(
         "black level subtracted by the camera", lambda copy: copy.change(lambda c: c - BLACK), ("black-level",)
