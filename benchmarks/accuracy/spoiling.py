@@ -39,6 +39,13 @@ REFLECTION = spot(900.0, 450, 600, 12.0)
 SATURATED_REFLECTION = spot(12000.0, 450, 600, 12.0)
 
 
+def dimmed(counts: Counts, factor: float, rng: np.random.Generator) -> Counts:
+    """Counts of a part of the light; noise is added to what is left, so that it is that of less light."""
+    light, read_noise = np.maximum(counts - BLACK, 0.0), NOISE.gain * NOISE.read_noise_electrons
+    variance = (factor - factor**2) * NOISE.gain * light + (1 - factor**2) * read_noise**2
+    return BLACK + factor * (counts - BLACK) + np.sqrt(variance) * rng.standard_normal(counts.shape)
+
+
 def read(path: Path) -> Counts:
     """Counts of a TIFF file, for arithmetic."""
     return tifffile.imread(path).astype(float)

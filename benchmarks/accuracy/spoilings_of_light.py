@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import tifffile
-from small_camera import CAMERA, NOISE, Counts
+from small_camera import CAMERA
 from spoiling import (
     BLACK,
     COLUMN,
@@ -18,6 +18,7 @@ from spoiling import (
     Case,
     Copy,
     Spoil,
+    dimmed,
     read,
     write,
 )
@@ -43,19 +44,9 @@ def _stuck(copy: Copy) -> None:
     copy.add(0.5 * np.where(light > 8.0, light, 0.0))
 
 
-def _weaker(factor: float, pulses: str = "b") -> Spoil:
-    """Less light; noise is added to what is left of it, so that it is that of the light that is left."""
-    read_noise = NOISE.gain * NOISE.read_noise_electrons
-
-    def weaker(copy: Copy) -> None:
-        def weaken(counts: Counts) -> Counts:
-            light = np.maximum(counts - BLACK, 0.0)
-            variance = (factor - factor**2) * NOISE.gain * light + (1 - factor**2) * read_noise**2
-            return BLACK + factor * (counts - BLACK) + np.sqrt(variance) * copy.rng.standard_normal(counts.shape)
-
-        copy.change(weaken, pulses)
-
-    return weaker
+def weaker(factor: float, pulses: str = "b") -> Spoil:
+    """Less light in all pairs."""
+    return lambda copy: copy.change(lambda counts: dimmed(counts, factor, copy.rng), pulses)
 
 
 def _amplified(factor: float, pairs: tuple[int, ...] | None = None) -> Spoil:
@@ -119,11 +110,11 @@ OF_LIGHT: dict[str, Case] = {
     "white x0.3 added": Case("0.3 of the white image in every frame", _white_in_frames, STATIC),
     "background +300": Case("300 counts more in every pixel", lambda copy: copy.add(300.0 + 0 * COLUMN), STATIC),
     # pulses and exposure
-    "second pulse x0.5": Case("second pulse x0.5", _weaker(0.5), ("unequal-pulses", "pulses")),
-    "second pulse x0.2": Case("second pulse x0.2", _weaker(0.2), ("unequal-pulses", "pulses")),
+    "second pulse x0.5": Case("second pulse x0.5", weaker(0.5), ("unequal-pulses", "pulses")),
+    "second pulse x0.2": Case("second pulse x0.2", weaker(0.2), ("unequal-pulses", "pulses")),
     "gain x12": Case("gain x12, cut off at full scale", _amplified(12.0), ("overexposed",)),
     "one pair x12": Case("the same in one pair", _amplified(12.0, [MIDDLE]), ("overexposed",), (MIDDLE,)),
-    "light x0.01": Case("light x0.01", _weaker(0.01, "ab"), ("underexposed",)),
+    "light x0.01": Case("light x0.01", weaker(0.01, "ab"), ("underexposed",)),
     "half dark": Case(
         "right half of one frame dark",
         lambda copy: _half_dark(copy, [MIDDLE]),

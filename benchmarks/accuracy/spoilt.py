@@ -46,7 +46,7 @@ from plenopiv.simulation.simulated_recording import Seeding
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-RECORDED, PAGE = HERE / "spoilt.json", ROOT / "docs" / "spoilt.md"
+RECORDED, STATIC_LIGHT, PAGE = HERE / "spoilt.json", HERE / "static_light.json", ROOT / "docs" / "spoilt.md"
 MOST = 1.15  # times the RMS of the unspoilt recording
 MORE_GROSS = 0.01  # share of vectors
 PAIRS = 4
@@ -158,6 +158,12 @@ def condition_line(name: str, recordings: Path) -> Line:
     return {"outcome": "WRONG" if alarms else "no word", "why": "; ".join(alarms)}
 
 
+def write_page() -> None:
+    """docs/spoilt.md from what was recorded, where there is all of it."""
+    if RECORDED.exists() and STATIC_LIGHT.exists():
+        PAGE.write_text(page(json.loads(RECORDED.read_text()), CASES, json.loads(STATIC_LIGHT.read_text())))
+
+
 def main() -> None:
     everything = [*CASES, *(f"condition {name}" for name in QUIET)]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -197,7 +203,7 @@ def main() -> None:
     lines = [known[name] for name in everything if name in known]
     if len(lines) == len(everything):
         RECORDED.write_text(json.dumps(lines, indent=1) + "\n")
-        PAGE.write_text(page(lines, CASES))
+        write_page()
     sys.exit(1 if any(line["outcome"] == "WRONG" for line in lines) else 0)
 
 
