@@ -24,7 +24,8 @@ STATIC = """
 Written by `benchmarks/accuracy/static_light.py`: three of thirty pairs, pulses varying by 3 %, measured with images of
 the static light of each pulse and a dark image, or with `recording.background = "minimum"` of all thirty. RMS errors
 along x / y / z in voxels and over those of the clean recording, outside windows in which particles light saturated
-pixels; share of the errors within one and two stated standard deviations.
+pixels; share of the errors within one and two stated standard deviations. On this recording these are longer than they
+need be, with nothing wrong too: 60 to 80 % and 90 to 98 % is what is asked for, or as much as the clean recording has.
 
 | light | taken off by | RMS | over clean | within 1 std, % | within 2 std, % |
 |---|---|---|---|---|---|
