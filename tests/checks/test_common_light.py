@@ -1,4 +1,4 @@
-"""Light that frames of different pairs have in common, dead pixels, and the orientation that files state."""
+"""Light that frames of different pairs have in common, dead pixels, filtered frames, and the orientation of files."""
 
 import shutil
 
@@ -7,7 +7,8 @@ import pytest
 import tifffile
 from recordings import edited, looked_at, record, wrong
 
-from plenopiv.checks import at_rest, stamps
+from plenopiv.checks import at_rest, filtered, stamps
+from plenopiv.sensor import Sensor
 
 
 @pytest.fixture(scope="module")
@@ -67,3 +68,19 @@ def test_orientation_by_tags(tags, words):
 def test_the_tag_is_read(recording):
     edited(recording, "a", lambda counts: counts, extratags=[(274, "H", 1, 3, True)])
     assert set(wrong(looked_at(recording))) == {"orientation-tag"}
+
+
+@pytest.mark.usefixtures("still")
+def test_a_median_filter_in_the_camera(recording):
+    from scipy.ndimage import median_filter
+
+    for name in "ab":
+        edited(recording, name, lambda counts: median_filter(counts, 3))
+    assert "filtered" in wrong(looked_at(recording))
+
+
+@pytest.mark.parametrize(("scale", "most"), [(1.0, 1.3), (0.25, 1.3), (2.0, 2.3)])
+def test_neighbours_are_equal_as_often_as_noise_makes_them(scale, most):
+    rng = np.random.default_rng(0)
+    counts = np.rint(60 + scale * rng.poisson(400.0, (200, 300))).astype(np.uint16)
+    assert 0.7 < filtered.equal_neighbours(counts, Sensor(300, 200, 0.0055, 12, 60)) < most

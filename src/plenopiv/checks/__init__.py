@@ -7,6 +7,7 @@ light.py         exposure and background of frames
                  seeding: particles per microlens, per pixel, per window
 motion.py        displacement between two frames, from refocused pictures
 at_rest.py       light that frames of different pairs have in common
+filtered.py      frames that were smoothed or compressed with losses
 stamps.py        times and cameras in the files
 repeats.py       frames that are one image
 reversal.py      pairs that are read as a sequence

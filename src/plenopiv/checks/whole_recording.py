@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from plenopiv.calibration import LatticeFit
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.checks import at_rest, fit, light, motion, repeats, reversal, stamps, static, white
+from plenopiv.checks import at_rest, filtered, fit, light, motion, repeats, reversal, stamps, static, white
 from plenopiv.checks.findings import Finding
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
@@ -260,6 +260,11 @@ def _light_and_motion(
         each = [[found for found in one if found.name != "background"] for one in each]
     for of_frames in zip(*each, strict=True):
         out += _worst(list(of_frames))
+    raw = (middle_of(frame, part) for frame in frames)
+    often = [
+        filtered.finding(filtered.equal_neighbours(image, part), name) for image, name in zip(raw, names, strict=False)
+    ]
+    out += [one for one in often if one is not None][:1]
     out.append(static.pulses(*(max(lit.mean - lit.background, 0.0) for lit in lights[:2])))
     if not recording.background_of_frames:
         bright = static.spot(clean[0], clean[1], recording.sensor, camera.image_pitch_px, lights[0].particle)
