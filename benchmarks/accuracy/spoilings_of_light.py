@@ -128,7 +128,7 @@ OF_LIGHT: dict[str, Case] = {
     ),
     # what software does to images
     "gamma": Case("gamma of 2.2 in the camera", _gamma, ("black-level", "background", "unexplained-light")),
-    "median filter": Case("median filter of 3 x 3 in the camera", _smoothed, ("filtered", "white-fits-frames")),
+    "median filter": Case("median filter of 3 x 3 in the camera", _smoothed, ("filtered",)),
     "black subtracted": Case(
         "black level subtracted by the camera", lambda copy: copy.change(lambda c: c - BLACK), ("black-level",)
     ),

@@ -123,13 +123,15 @@ def _spread(numbers: Sequence[int]) -> list[int]:
 @dataclass(frozen=True)
 class _Pulse:
     """The frames of one pulse, read once: the least of each pixel (rows, columns), counts of the sampled ``pixels`` in
-    each (frame, pixel), which of them see no static light (``alone``) and where their noise lies (``level``)."""
+    each (frame, pixel), which of them see no static light (``alone``), in which block each of those is, and where their
+    noise lies (``level``)."""
 
     numbers: list[int]
     lowest: Image
     pixels: NDArray[np.intp]
     sample: Image
     alone: NDArray[np.bool_]
+    block: NDArray[np.intp]
     level: Image
     light: PixelLight
 
@@ -152,10 +154,11 @@ class _Pulse:
         numbers, sample = used, np.stack(sampled)
         blocks, level = _dark_blocks(sample, pixels, lowest.shape)
         alone = blocks >= 0
-        level = level[blocks[alone]]
+        block = blocks[alone]
+        level = level[block]
         counts = (sample[:, alone] - level).ravel()
         light = pixel_light(counts[np.isfinite(counts)], gain, float(np.percentile(lowest, 99.9)))
-        return cls(numbers, lowest, pixels, sample, alone, level, light)
+        return cls(numbers, lowest, pixels, sample, alone, block, level, light)
 
     def start(self, gain: float, frames: int) -> Image:
         """The minimum, corrected for what the least of so many ``frames`` is on the mean."""
@@ -192,8 +195,12 @@ def _estimate(read: Callable[[int], Image], pulses: list[tuple[_Pulse, float]], 
         static += np.clip(slope / information, -most, most)
     alone = static.ravel()[one.pixels][one.alone] - one.level
     hot = _hot(static, one.light.noise)
-    alone = alone[~hot.ravel()[one.pixels][one.alone]]
-    error, left = float(np.std(alone)), max(float(alone.mean()), 0.0)
+    cold = ~hot.ravel()[one.pixels][one.alone]
+    each = [alone[cold & (one.block == b)] for b in np.unique(one.block)]
+    each = [counts for counts in each if counts.size]
+    # of most blocks: the rim of a bright reflection may lie in one that counts as dark
+    error, left = float(np.median([np.std(counts) for counts in each])), float(np.median([c.mean() for c in each]))
+    left = max(left, 0.0)
     return Estimate(static, hot, frames, error, left, one.light.particles)
 
 
