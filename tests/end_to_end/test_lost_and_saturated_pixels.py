@@ -54,7 +54,7 @@ def measured(made, mask=None):
         tables["recording"]["mask"] = [mask]
     experiment = Experiment.from_dict(tables, stated.path)
     recording = experiment.recording()
-    chain, _ = calibrated_chain(experiment, recording)
+    chain, _, _ = calibrated_chain(experiment, recording)
     field = chain.displacement(*(chain.reconstruct([recording.frame(k)]).volume for k in (0, 1)))
     voxel, first = (np.array(values) for values in (chain.grid.voxel_mm, chain.grid.first_mm))
     z, y, x = np.meshgrid(field.z, field.y, field.x, indexing="ij")
