@@ -176,7 +176,10 @@ OF_FILES: dict[str, Case] = {
     ),
     "black level 90": Case("black_level = 90 for 60", lambda c: c.key(PIXELS + "black_level", 90.0), ("black-level",)),
     "magnification": Case(
-        "magnification +5 %", lambda c: c.times(LENS + "magnification", 1.05), ("stated-aperture", "f-number")
+        "magnification +5 %",
+        lambda c: c.times(LENS + "magnification", 1.05),
+        ("stated-aperture", "f-number"),
+        says=APERTURES,
     ),
     "pixel pitch": Case(
         "pixel pitch +5 %",
@@ -208,7 +211,7 @@ OF_FILES: dict[str, Case] = {
         "aperture +10 %", lambda c: c.times(LENS + "aperture_mm", 1.1), ("f-number", "stated-aperture"), says=APERTURES
     ),
     "lattice": Case("square lattice stated", lambda c: c.key(ARRAY + "lattice", "square"), ("lattice-type",)),
-    "bit depth": Case("16 bits stated for 12", lambda c: c.key(PIXELS + "bit_depth", 16), fine=True),
+    "bit depth": Case("16 bits stated for 12", lambda c: c.key(PIXELS + "bit_depth", 16), ("white-underexposed",)),
     "half volume": Case(
         "volume half as deep as the light", lambda c: c.key("volume.z_mm", [-1.25, 1.25]), ("unexplained-light",)
     ),
@@ -226,6 +229,6 @@ OF_FILES: dict[str, Case] = {
         base="fast",
         pairs=1,
     ),
-    "thin": Case("seeding of 0.1 particles per microlens", lambda copy: None, fine=True, base="thin", pairs=1),
+    "thin": Case("seeding of 0.1 particles per microlens", lambda copy: None, ("too-thin",), base="thin", pairs=1),
     "dense": Case("seeding of 6 particles per microlens", lambda copy: None, ("too-dense",), base="dense", pairs=1),
 }

@@ -1,6 +1,6 @@
 """What the numbers of a run look like when something is wrong: the table of docs/first-steps.md.
 
-    python benchmarks/accuracy/spoilt.py [NAME ...]     all cases, or some; prints a row of the table for each
+    python benchmarks/accuracy/spoilt_table.py [NAME ...]     all cases, or some; prints a row of the table for each
 
 One recording, 800 x 640 px at PMR 14 and M = -1, rotation about y with a drift, windows of 48 x 48 x 16 voxels, spoilt
 in one way at a time: light, seeding, displacement, an unrelated second frame, or a wrong key of the experiment file.
@@ -17,27 +17,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from small_camera import CAMERA, DRIFT_M_S, DT_S, VOLUME_MM, WINDOWS, rotation
 
 import plenopiv
 from plenopiv.accuracy import score_velocity
-from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
-from plenopiv.lattice import Lattice
-from plenopiv.sensor import Sensor
-from plenopiv.simulation.flows import flow
 from plenopiv.simulation.sensor_noise import SensorNoise
 from plenopiv.simulation.simulated_recording import Seeding, simulate_recording
-
-DT_S = 0.0005
-CAMERA = PlenopticCamera(
-    MainLens(50.0, 25.0, -1.0),
-    Lattice("hexagonal", 0.077, 0.002, (0.02, -0.01)),
-    0.308,
-    Sensor(800, 640, 0.0055, 12, 60),
-)
-VOLUME_MM = ((-1.7, 1.7), (-1.3, 1.3), (-2.5, 2.5))
-WINDOWS = ((64, 64, 24), (48, 48, 16))
 
 
 @dataclass(frozen=True)
@@ -47,7 +34,7 @@ class Case:
     what: str
     seeding: Seeding = field(default_factory=Seeding)
     noise: SensorNoise = field(default_factory=SensorNoise)
-    drift_m_s: float = 0.1
+    drift_m_s: float = DRIFT_M_S
     other_second_frame: bool = False
     tables: dict[str, dict[str, Any]] = field(default_factory=dict)
 
@@ -77,16 +64,16 @@ def changed(tables: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
 
 def row(case: Case, folder: Path) -> str:
     """Simulate, spoil, run, score."""
-    rotation = flow("rotation", rate_rad_s=80.0, drift_m_s=(0.0, case.drift_m_s, 0.0))
+    flow = rotation(case.drift_m_s)
     how = {"dt_s": DT_S, "volume_mm": VOLUME_MM, "windows": WINDOWS, "noise": case.noise, "seeding": case.seeding}
-    made = simulate_recording(folder / "a", CAMERA, rotation, seed=5, **how)
+    made = simulate_recording(folder / "a", CAMERA, flow, seed=5, **how)
     if case.other_second_frame:
-        other = simulate_recording(folder / "b", CAMERA, rotation, seed=99, **how)
+        other = simulate_recording(folder / "b", CAMERA, flow, seed=99, **how)
         shutil.copy(other.directory / "b.tif", made.directory / "b.tif")
     stated = Experiment.load(made.directory / "experiment.toml")
     tables = changed(stated.model_dump(by_alias=True, exclude_none=True), case.tables)
     experiment = Experiment.from_dict(tables, stated.path)
-    result = plenopiv.process(experiment)
+    result = plenopiv.process(experiment, force=True)
     velocity, summary, voxel_mm = result.velocity, result.summary, experiment.volume.voxel_mm
     to_voxels = 1e3 * DT_S / np.asarray(voxel_mm)
     std = to_voxels * [float(velocity[f"{name}_std"].median()) for name in "uvw"]
