@@ -15,7 +15,7 @@ GLOW = 250 * np.exp(-((ROW - 70) ** 2 + (COLUMN - 90) ** 2) / (2 * 25.0**2))
 EVERYWHERE = np.ones(GLOW.shape, bool)
 
 
-def frames(pairs, lit=0.6, second=0.6, seed=0):
+def frames(pairs, lit=0.6, second=0.6, seed=0, glow=GLOW):
     """Counts of first and second frames in turn; each pixel is lit with the probability ``lit``, static light of the
     second pulse is weaker and, as the light of each pulse, varies by 3 per cent."""
     rng = np.random.default_rng(seed)
@@ -23,7 +23,7 @@ def frames(pairs, lit=0.6, second=0.6, seed=0):
     for k in range(2 * pairs):
         pulse = second if k % 2 else 1.0
         particles = np.where(rng.random(GLOW.shape) < lit, rng.exponential(120.0, GLOW.shape), 0.0)
-        light = pulse * (particles + GLOW * (1 + 0.03 * rng.standard_normal()))
+        light = pulse * (particles + glow * (1 + 0.03 * rng.standard_normal()))
         counts = 60 + GAIN * rng.poisson(light / GAIN) + rng.normal(0, DARK_NOISE, GLOW.shape)
         out.append(np.clip(np.rint(counts), 0, 4095).astype(np.uint16))
     return out
@@ -103,6 +103,17 @@ def test_static_light_of_another_shape_in_the_second_pulse_stays_apart():
         0, abs=12
     )
     assert np.median((found.pulses[0] - GLOW)[GLOW > 100]) == pytest.approx(0, abs=6)
+
+
+def test_light_of_the_first_pulse_alone_is_no_measure_of_the_second():
+    spot = np.zeros(GLOW.shape)
+    spot[100:120, 150:170] = 120.0
+    images = frames(20, glow=0 * GLOW)
+    images[::2] = [(image + np.rint(spot)).astype(np.uint16) for image in images[::2]]
+    found, _ = estimated(images)
+    for one, light in zip(found.pulses, (spot, 0 * spot), strict=True):
+        assert np.median((one - light)[spot > 0]) == pytest.approx(0, abs=3)
+        assert np.sqrt(np.mean((one - light) ** 2)) < 3
 
 
 def test_scores_are_the_slope_of_the_logarithm_of_the_density():

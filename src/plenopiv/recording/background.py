@@ -232,7 +232,8 @@ def _factor(a: _Pulse, b: _Pulse, gain: float) -> float | None:
     """Static light of the second pulse over that of the first, from the sampled pixels; None where it is not the same
     but for a factor, or nowhere bright enough to tell."""
     first, second = (np.sort(one.sample, 0)[: max(len(one.sample) // 10, 1)].mean(0) for one in (a, b))
-    bright = (first > BRIGHT * a.light.noise) & np.isfinite(first) & np.isfinite(second)
+    bright = (first > BRIGHT * a.light.noise) & (second > BRIGHT * b.light.noise)  # in one alone: light of particles
+    bright &= np.isfinite(first) & np.isfinite(second)
     if np.count_nonzero(bright) < FEWEST:
         return None
     first, second = first[bright], second[bright]
