@@ -25,6 +25,7 @@ import tempfile
 import time
 import warnings
 from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +113,8 @@ def tried(case: Case, copy: Copy, reference: dict[int, dict[str, Any]] | None) -
         line["pairs"] = {str(pair): {"rms": s.final.rms, "gross": s.final.gross} for pair, s in measured.items()}
     as_unspoilt = False
     if measured and reference is not None:
-        as_unspoilt, line["ratio"] = unspoilt(measured, reference)
+        as_unspoilt, ratio = unspoilt(measured, reference)
+        line |= {"ratio": ratio} if isfinite(ratio) else {}
     named = [one["words"] for one in found if one["name"] in case.causes]
     named += [words for words in result.summary["warnings"] if re.search(case.says, words)]
     if case.fine:
