@@ -176,7 +176,7 @@ def main() -> None:
     arguments = parser.parse_args()
     if unknown := set(arguments.names) - set(everything):
         parser.error(f"no case is called {', '.join(sorted(unknown))}")
-    written.write_report = lambda *given, **named: None  # takes longer than a pair
+    written.write_report = lambda path, **named: path.write_text("")  # takes longer than a pair
     warnings.simplefilter("ignore", PlenoPIVWarning)
     warnings.showwarning = lambda *shown: None  # a run shows them all the same
 

@@ -30,7 +30,8 @@ from plenopiv.accuracy.velocity import Score, pooled
 from plenopiv.errors import PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.run.calibrated import calibrated_chain
-from plenopiv.run.pair import reconstructed, velocity_between
+from plenopiv.run.frame import reconstructed
+from plenopiv.run.pair import velocity_between
 
 HERE = Path(__file__).parent
 RECORDED = HERE / "static_light.json"

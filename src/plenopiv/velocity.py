@@ -115,9 +115,9 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
 
 
 def replaced(field: xr.Dataset) -> xr.DataArray:
-    """Which vectors of a field were replaced: those that are not valid, without those that lie in a body."""
-    invalid = field["valid"] != 1
-    return invalid & (field["inside_body"] != 1) if "inside_body" in field else invalid
+    """Which vectors of a field were replaced: those that are not valid, without those that lie in a body or belong to a
+    pair that was set aside."""
+    return (field["valid"] != 1) & field["u"].notnull()
 
 
 def vectors_inside_body(field: xr.Dataset) -> int | None:
@@ -126,9 +126,8 @@ def vectors_inside_body(field: xr.Dataset) -> int | None:
 
 
 def replaced_share(field: xr.Dataset) -> float:
-    """Share of the vectors outside a body that were replaced."""
-    outside = field["valid"].size - (vectors_inside_body(field) or 0)
-    return float(replaced(field).sum()) / max(outside, 1)
+    """Share of the vectors that were replaced, without those in a body or of pairs that were set aside."""
+    return float(replaced(field).sum()) / max(int(field["u"].notnull().sum()), 1)
 
 
 def velocity_gradient(field: xr.Dataset) -> NDArray[np.float64]:

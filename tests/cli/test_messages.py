@@ -54,7 +54,7 @@ def test_a_warning_is_said_once_and_others_are_left_alone(monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("error", "code", "line"),
     [
-        (KeyboardInterrupt(), 130, "plenopiv: interrupted; nothing was written\n"),
+        (KeyboardInterrupt(), 130, "plenopiv: interrupted\n"),
         (
             MemoryError("60 GB"),
             2,

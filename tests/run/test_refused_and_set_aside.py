@@ -69,7 +69,9 @@ def test_a_damaged_frame_sets_its_pair_aside_and_the_exit_code_says_so(folder, c
     import xarray
 
     with xarray.open_dataset(folder / "results" / "velocity.nc") as velocity:
-        assert velocity.time.values == pytest.approx([0.5 * 0.0005, 2.5 * 0.0005])
+        assert velocity.time.values == pytest.approx([0.5 * 0.0005, 1.5 * 0.0005, 2.5 * 0.0005])
+        assert np.isnan(velocity.u.values).all((1, 2, 3)).tolist() == [False, True, False]
+        assert not velocity.valid.values[1].any()
         assert velocity.attrs["quality"] == "doubtful"
 
 

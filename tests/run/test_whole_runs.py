@@ -73,6 +73,7 @@ def test_the_results_folder(finished, capsys):
         "experiment.toml",
         "report.html",
         "figures",
+        "manifest.jsonl",
     }
     assert {"velocity.png", "velocity.pdf", "residuals.pdf"} < {path.name for path in (folder / "figures").iterdir()}
     assert summary["calibration"]["residual_px"] < 0.05
@@ -87,10 +88,8 @@ def test_the_results_folder(finished, capsys):
     assert summary["versions"]["plenopiv"] == plenopiv.__version__
     assert summary["versions"]["numpy"] == np.__version__
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    assert main(["run", str(experiment.path)]) == 2
-    said = capsys.readouterr()
-    assert "--overwrite" in said.err
-    assert said.err.count("\n") == 1
+    assert main(["run", str(experiment.path)]) == 0
+    assert "nothing has changed; nothing to do" in capsys.readouterr().err
     assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 

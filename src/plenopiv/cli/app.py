@@ -237,22 +237,31 @@ def run(
     force: Annotated[
         bool, typer.Option("--force", help="Measure what the checks call unusable; velocity.nc says quality = forced.")
     ] = False,
+    pairs: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FIRST-LAST", help="Measure these pairs alone, counted from 0; put together by a later run."
+        ),
+    ] = None,
 ) -> None:
     """From raw images to velocity: check, calibrate, reconstruct, correlate, report.
 
     A recording that plenopiv check calls unusable is refused. A pair that cannot be measured is set aside, and the exit
     code is 3. Writes velocity.nc (u, v, w in m/s on x, y, z in mm), summary.json, the resolved experiment file and
-    report.html into the output folder, all together at the end: a run that fails leaves nothing behind. A complete run
-    is not replaced without --overwrite.
+    report.html into the output folder, of a series a file for each pair too.
+
+    Finished pairs are kept, whatever ends a run: the same command goes on from there, and measures again what is
+    damaged. Results of other settings or images are not replaced without --overwrite.
 
     \b
     Example:
         plenopiv run run7/experiment.toml
+        plenopiv run run7/experiment.toml --pairs 0-49
         python -c "import xarray; print(xarray.open_dataset('run7/results/velocity.nc'))"
     """
     from plenopiv.cli.run import run
 
-    _finish("run", run(experiment, overwrite, memory, force))
+    _finish("run", run(experiment, overwrite, memory, force, pairs))
 
 
 @app.command()

@@ -45,8 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _fail(f"{usage().rstrip('.')}; see {context.command_path if context else 'plenopiv'} --help")
     if code == 130:
         if terminal.as_json:
-            return terminal.error("interrupted; nothing was written", code)
-        print("plenopiv: interrupted; nothing was written", file=sys.stderr)
+            return terminal.error("interrupted", code)
+        print("plenopiv: interrupted", file=sys.stderr)
     return code if isinstance(code, int) else 0
 
 
@@ -96,7 +96,7 @@ def _notes_in_one_line() -> Iterator[None]:
 
 @contextmanager
 def _terminated_like_interrupted() -> Iterator[None]:
-    """Let SIGTERM unwind the stack, so that half-written files are removed."""
+    """Let SIGTERM and SIGHUP unwind the stack: half-written files are removed, and what is finished is kept."""
 
     def stop(number: int, frame: object) -> NoReturn:
         raise SystemExit(128 + number)
@@ -104,8 +104,11 @@ def _terminated_like_interrupted() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():  # only there may signals be set
         yield
         return
-    before = signal.signal(signal.SIGTERM, stop)
+    ends = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    ends = [one for one in ends if signal.getsignal(one) is not signal.SIG_IGN]  # as nohup leaves SIGHUP
+    before = [signal.signal(one, stop) for one in ends]
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for one, usual in zip(ends, before, strict=True):
+            signal.signal(one, usual)

@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from plenopiv.cli.progress import Progress
-from plenopiv.cli.terminal import Outcome
+from plenopiv.cli.terminal import Outcome, command_line
+from plenopiv.errors import PlenoPIVError, printable
 from plenopiv.experiment import Experiment
 
+LISTED = 20  # pairs set aside that are named on the terminal
 SET_ASIDE = 3  # exit code of a run that measured some of the pairs
 
 
-def run(file: Path, overwrite: bool, memory_gb: float | None = None, force: bool = False) -> Outcome:
+def run(
+    file: Path, overwrite: bool, memory_gb: float | None = None, force: bool = False, pairs: str | None = None
+) -> Outcome:
     """Run an experiment file and say where the results are.
 
     Raises:
         PlenoPIVError: the experiment file or its images are wrong, the recording is unusable, or the output folder
-            holds a complete run.
+            holds results of other inputs.
     """
-    experiment = Experiment.load(file)
+    experiment, chosen = Experiment.load(file), None if pairs is None else pairs_of(pairs)
     from plenopiv.run.series import run as run_series  # here: a mistake in the file is told before the kernels load
 
     with Progress() as progress:
-        result = run_series(experiment, progress, overwrite, memory_gb=memory_gb, force=force)
+        result = run_series(experiment, progress, overwrite, memory_gb=memory_gb, force=force, pairs=chosen)
     folder, summary = experiment.output_directory, result.summary
+    if chosen is not None:
+        done, count = result.measured
+        text = f"{done} of {count} pairs are finished; {command_line('run', file)} puts them together"
+        return Outcome(text, {"finished": done, "pairs": count})
     replaced, warned = f"{100 * summary['replaced_share']:.1f} %", len(summary["warnings"])
     told, aside = summary["not_in_images"], summary["set_aside"]
     moved = ", ".join(f"{voxels:.2g}" for voxels in told["largest_displacement_voxels"])
@@ -32,7 +41,9 @@ def run(file: Path, overwrite: bool, memory_gb: float | None = None, force: bool
         f'dt = {told["dt_s"]:g} s, orientation "{told["orientation"]}": no image tells whether these two are right'
     ]
     if aside:
-        lines.append(f"{len(aside)} of {len(aside) + result.velocity.sizes['time']} pairs set aside")
+        lines.append(f"{len(aside)} of {summary['pairs']} pairs set aside:")
+        lines += [f"  {' and '.join(map(printable, one['frames']))}: {one['reason']}" for one in aside[:LISTED]]
+        lines += [f"  and {len(aside) - LISTED} more, in summary.json"] if len(aside) > LISTED else []
     inside = summary.get("vectors_inside_body")
     in_body = "" if inside is None else f" ({inside} inside the body, not measured)"
     text = "\n".join(
@@ -44,3 +55,15 @@ def run(file: Path, overwrite: bool, memory_gb: float | None = None, force: bool
         ]
     )
     return Outcome(text, {"quality": summary["quality"], "set_aside": aside}, SET_ASIDE if aside else 0)
+
+
+def pairs_of(text: str) -> tuple[int, int]:
+    """The first and last pair of "FIRST-LAST", or of one number.
+
+    Raises:
+        PlenoPIVError: it is neither.
+    """
+    found = re.fullmatch(r"(\d{1,9})(?:-(\d{1,9}))?", text.strip())
+    if found is None:
+        raise PlenoPIVError(f"--pairs {text}: give the first and last pair, counted from 0, as in --pairs 0-49")
+    return int(found[1]), int(found[2] or found[1])

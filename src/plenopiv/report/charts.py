@@ -48,6 +48,23 @@ def residual_figure(residuals: Mapping[str, Sequence[float]]) -> Figure:
 
 
 @rc_context(STYLE)
+def series_figure(series: Mapping[str, Sequence[float]]) -> Figure:
+    """Vectors replaced, ratio of peaks and largest velocity of each pair over its time (``run.written.series_of``)."""
+    figure = Figure(figsize=(12.5, 3.2), layout="constrained")
+    shown = (
+        (100 * np.asarray(series["replaced_share"], float), "vectors replaced (%)"),
+        (series["median_peak_ratio"], "median ratio of peaks"),
+        (series["largest_velocity_m_s"], "largest velocity (m/s)"),
+    )
+    for axes, (values, words) in zip(figure.subplots(1, len(shown)), shown, strict=True):
+        axes.plot(series["time_s"], values, ".-", color=BLUE, linewidth=0.8, markersize=4)
+        axes.set(xlabel="time (s)", ylabel=words)
+        axes.set_ylim(bottom=0)
+        _open(axes)
+    return figure
+
+
+@rc_context(STYLE)
 def validation_figure(dataset: xarray.Dataset) -> Figure:
     """Where vectors were replaced, seen along z and along y, and by depth; and how clear the peaks were by depth."""
     gone = replaced(dataset).transpose("time", "z", "y", "x").values

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from math import prod
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ ALL_TURNS = (
     " Here nearly all of the flow turns more than it deforms, as in a solid-body rotation: a surface would wrap noise "
     "alone, so none is drawn at first."
 )
+FRAMES = 20  # of a series, whose numbers and residuals are shown
 SECTIONS_OF_THEIR_OWN = ("warnings", "timings_s", "peak_memory_gb", "versions")
 
 
@@ -40,20 +41,24 @@ def write_report(
     views: Projections | None = None,
     stacks: Sequence[Stack] = (),
     accuracy: Mapping[str, Any] | None = None,
+    series: Mapping[str, Sequence[float]] | None = None,
     figures_folder: str | Path | None = None,
 ) -> None:
     """Write the report of a run.
 
     ``summary`` is what goes to summary.json: its ``warnings`` (a list of lines), ``timings_s`` and ``peak_memory_gb``
     (by stage) and ``versions`` have sections of their own, all else is tabled by dotted key. ``dataset`` is the
-    velocity field, dims (time, z, y, x); of several times the first is drawn. ``stacks`` are pictures under sliders,
-    named "volume", "views" and "refocus". ``accuracy`` is for recordings whose truth is known: measure -> number or
-    text, and under "by_depth" a ``DepthProfile``. ``figures_folder``: where figures go as PNG and PDF too.
+    velocity field, dims (time, z, y, x); of several times the first is drawn. ``series``: of several pairs, what is
+    plotted over their time (``run.written.series_of``), ``dataset`` then that of the first. ``stacks`` are pictures
+    under sliders, named "volume", "views" and "refocus". ``accuracy`` is for recordings whose truth is known: measure
+    -> number or text, and under "by_depth" a ``DepthProfile``. ``figures_folder``: where figures go as PNG and PDF too.
     """
     drawn = _Figures(None if figures_folder is None else Path(figures_folder))
     pictures = {stack.name: stack for stack in stacks}
+    pairs = len(series["time_s"]) if series else dataset.sizes["time"]
     parts = [
-        *_velocity(dataset, drawn),
+        *_velocity(dataset, pairs, drawn),
+        *_series(series or {}, drawn),
         *_accuracy(accuracy or {}, drawn),
         _validation(experiment, dataset, drawn),
         _reconstruction(summary, views, pictures, drawn),
@@ -95,9 +100,16 @@ class _Figures:
         return picture(made["png"], words, kind)
 
 
-def _velocity(dataset: xarray.Dataset, drawn: _Figures) -> list[str]:
-    times = dataset.sizes["time"]
-    first = f"The first of {times} times. " if times > 1 else ""
+def _series(series: Mapping[str, Sequence[float]], drawn: _Figures) -> list[str]:
+    if len(series.get("time_s", ())) < 2:
+        return []
+    words = "Each pair by its time. Where replaced vectors and peak ratio change, light, seeding or focus did."
+    figure = drawn("series", charts.series_figure(series), "each pair over time", "chart")
+    return [section("Series", words, figure, name="series")]
+
+
+def _velocity(dataset: xarray.Dataset, pairs: int, drawn: _Figures) -> list[str]:
+    first = f"The first of {pairs} pairs. " if pairs > 1 else ""
     field = field_data(dataset)
     turning = "" if field["start"] else ALL_TURNS
     every = " x ".join(str(field["step"][axis]) for axis in "xyz")
@@ -175,7 +187,7 @@ def _reconstruction(
             drawn("volume", figures.volume_figure(views), "maximum projections of the volume"),
         ]
     frames = summary.get("reconstruction", {})
-    residuals = {name: frame["residual_counts_by_round"] for name, frame in frames.items()}
+    residuals = {name: frame["residual_counts_by_round"] for name, frame in islice(frames.items(), FRAMES)}
     if residuals:
         content += [
             subheading(
@@ -242,18 +254,22 @@ def _configuration(experiment: Experiment, summary: Mapping[str, Any]) -> str:
 
 
 def _others(summary: Mapping[str, Any]) -> dict[str, Any]:
-    return flat({key: value for key, value in summary.items() if key not in SECTIONS_OF_THEIR_OWN})
+    shown = {key: value for key, value in summary.items() if key not in SECTIONS_OF_THEIR_OWN}
+    if len(shown.get("frames", ())) > FRAMES:
+        few = dict(islice(shown["reconstruction"].items(), FRAMES))
+        shown |= {"frames": [*few, "..."], "reconstruction": few}
+    return flat(shown)
 
 
 def _key_numbers(experiment: Experiment, dataset: xarray.Dataset, summary: Mapping[str, Any]) -> str:
     sizes, timings = dataset.sizes, summary.get("timings_s", {})
-    valid = 1 - replaced_share(dataset)
+    valid = 1 - summary.get("replaced_share", replaced_share(dataset))
     spacing = [
         float(np.diff(dataset[axis].values[:2])[0]) if sizes[axis] > 1 else float("nan") for axis in ("x", "y", "z")
     ]
     windows = experiment.correlation.windows[-1]
     numbers = [
-        (f"{prod(sizes[axis] for axis in ('time', 'z', 'y', 'x')):,}", "vectors"),
+        (f"{summary.get('vectors', dataset['valid'].size):,}", "vectors"),
         (f"{100 * valid:.1f} %", "measured, not replaced"),
         (" × ".join(f"{d:.2f}" if np.isfinite(d) else "–" for d in spacing) + " mm", "vector spacing x, y, z"),
         (" × ".join(map(str, windows)), "last window, voxels"),

@@ -6,20 +6,17 @@ A fault of the whole recording is refused; one of a pair sets that pair aside; w
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from plenopiv.chain import Chain
 from plenopiv.checks import CheckResult, Finding, PairCheck, check, common, explained
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
 from plenopiv.recording import Recording
-from plenopiv.run.pair import Frame, Progress
+from plenopiv.run.frame import Frame, Progress
 
 if TYPE_CHECKING:
     import xarray
@@ -28,65 +25,97 @@ OF_FRAMES = {"underexposed", "overexposed", "flipped", "other-camera", "same-fra
 FORCE = "--force (force=True in Python) goes on all the same"
 
 
-@dataclass
-class Judgement:
-    """Findings that are not good, and pairs that were set aside: their number from 0, frames and reason."""
+@dataclass(frozen=True)
+class PairJudge:
+    """What judges every pair as it comes; plain data. ``known``: severities of what was found in the whole recording;
+    ``forced``: what is unusable is measured all the same."""
 
     forced: bool
-    check: CheckResult
-    pair_check: PairCheck
-    findings: list[Finding] = field(default_factory=list)
-    set_aside: list[dict[str, Any]] = field(default_factory=list)
+    check: PairCheck
+    known: tuple[str, ...] = ()
 
-    @property
-    def quality(self) -> str:
-        """ "good"; "doubtful" with warnings or pairs set aside; "forced" where a run went on against a refusal."""
-        if any(finding.severity == "unusable" for finding in self.findings):
-            return "forced"
-        return "doubtful" if self.findings or self.set_aside else "good"
-
-    def summary(self) -> dict[str, Any]:
-        """What ``summary.json`` holds of it."""
-        findings = [asdict(finding) for finding in self.findings]
-        return {"quality": self.quality, "set_aside": list(self.set_aside), "findings": findings}
-
-    def pair_fits(self, recording: Recording, number: int, frames: tuple[Frame, Frame]) -> bool:
-        """Whether a pair can be measured; if not it is set aside."""
-        a, b = (recording.pairs[number][0], recording.pairs[number][1])
-        names = (printable(recording.frames[a].name), printable(recording.frames[b].name))
-        for finding in self.pair_check.findings((frames[0].image, frames[1].image), names):
+    def of_images(self, before: Frame, after: Frame) -> tuple[list[Finding], str | None]:
+        """Findings that are not good on the frames of a pair, and why it cannot be measured, if so."""
+        names = (printable(before.name), printable(after.name))
+        found: list[Finding] = []
+        for finding in self.check.findings((before.image, after.image), names):
             if finding.severity == "unusable" and not self.forced:
-                self.aside(recording, number, f"{finding.words}; {finding.advice}")
-                return False
-            self._note(finding)
-        for frame, name in zip(frames, names, strict=True):
+                return found, f"{finding.words}; {finding.advice}"
+            found.append(finding)
+        for frame, name in zip((before, after), names, strict=True):
             if left := explained.finding(frame.unexplained, name):
-                self._note(left)
-        return True
+                found.append(left)
+        return found, None
 
-    def field_fits(self, recording: Recording, number: int, velocity: xarray.Dataset) -> bool:
-        """Whether the field of a pair is one; if its frames have nothing in common the pair is set aside."""
-        found = common.finding(velocity, [printable(recording.frames[k].name) for k in recording.pairs[number]])
+    def of_field(self, velocity: xarray.Dataset, names: tuple[str, str]) -> tuple[list[Finding], str | None]:
+        """The same of the field between the frames ``names``: whether they have anything in common."""
+        found = common.finding(velocity, [printable(name) for name in names])
         if found is None:
-            return True
+            return [], None
         if found.severity == "unusable" and not self.forced:
-            self.aside(recording, number, f"{found.words}; {found.advice}")
-            return False
-        self._note(found)
-        return True
+            return [], f"{found.words}; {found.advice}"
+        return [found], None
 
-    def aside(self, recording: Recording, number: int, reason: str) -> None:
-        """Set a pair aside."""
-        names = [recording.frames[k].name for k in recording.pairs[number]]
-        self.set_aside.append({"pair": number, "frames": names, "reason": reason})
-        which = " and ".join(printable(name) for name in names)
-        warnings.warn(f"the pair {which} is set aside: {reason}", PlenoPIVWarning, stacklevel=3)
+    def quality(self, findings: Sequence[Mapping[str, Any]] = (), set_aside: bool = False) -> str:
+        """ "good"; "doubtful" with warnings or pairs set aside; "forced" where a run went on against a refusal."""
+        severities = {*self.known, *(finding["severity"] for finding in findings)}
+        if "unusable" in severities:
+            return "forced"
+        return "doubtful" if severities or set_aside else "good"
 
-    def _note(self, finding: Finding) -> None:
-        """Keep and show a finding, one of each name."""
-        if finding.name not in [known.name for known in self.findings]:
-            self.findings.append(finding)
-            warnings.warn(_line(finding), PlenoPIVWarning, stacklevel=3)
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the checks say of a whole recording, and what judges its pairs. ``findings``: those that are not good."""
+
+    check: CheckResult
+    pairs: PairJudge
+    findings: list[Finding]
+
+    def summary(self, recording: Recording, records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        """What ``summary.json`` holds of it; ``records`` of all pairs (``PairRecord``). Of each kind of finding the
+        first is kept."""
+        findings = {finding.name: asdict(finding) for finding in reversed(self.findings)}
+        findings = dict(reversed(findings.items()))
+        for record in records:
+            for finding in record["findings"]:
+                findings.setdefault(finding["name"], finding)
+        aside = [
+            {
+                "pair": record["pair"],
+                "frames": [recording.frames[k].name for k in recording.pairs[record["pair"]]],
+                "reason": record["set_aside"],
+            }
+            for record in records
+            if record["set_aside"] is not None
+        ]
+        quality = self.pairs.quality(list(findings.values()), bool(aside))
+        return {"quality": quality, "set_aside": aside, "findings": list(findings.values())}
+
+
+def warnings_of(record: Mapping[str, Any]) -> list[str]:
+    """What is to be warned of in a pair: what was said while it was measured, findings, and why it was set aside."""
+    said = [*record["warnings"], *(line_of(finding) for finding in record["findings"])]
+    if record["set_aside"] is not None:
+        which = " and ".join(printable(entry["name"]) for entry in record["frames"])
+        said.append(f"the pair {which} is set aside: {record['set_aside']}")
+    return said
+
+
+class Told:
+    """Warnings of pairs, each once, and of each kind of finding the first alone."""
+
+    def __init__(self, findings: Sequence[Finding], said: Sequence[str]) -> None:
+        self.names, self.said = {finding.name for finding in findings}, list(said)
+
+    def add(self, record: Mapping[str, Any]) -> list[str]:
+        """What is new in a pair."""
+        new = [finding for finding in record["findings"] if finding["name"] not in self.names]
+        first = list({finding["name"]: finding for finding in reversed(new)}.values())[::-1]
+        self.names |= {finding["name"] for finding in first}
+        lines = [one for one in warnings_of({**record, "findings": first}) if one not in self.said]
+        self.said += lines
+        return lines
 
 
 def judged(experiment: Experiment, recording: Recording, force: bool, progress: Progress) -> Judgement:
@@ -107,11 +136,11 @@ def judged(experiment: Experiment, recording: Recording, force: bool, progress: 
         more = "".join(f"; {finding.words}" for finding in bad[1:])
         raise PlenoPIVError(f"{bad[0].words}: {bad[0].advice}{more}{f'; {FORCE}' if possible else ''}")
     pairs = PairCheck(recording.sensor, found.white, found.camera.image_pitch_px, recording.unusable)
-    judgement = Judgement(force, found, pairs)
-    for finding in found.findings:
-        if finding.severity != "good":
-            judgement._note(finding)
-    return judgement
+    findings = list({finding.name: finding for finding in reversed(found.findings)}.values())[::-1]
+    findings = [finding for finding in findings if finding.severity != "good"]
+    for finding in findings:
+        warnings.warn(line_of(asdict(finding)), PlenoPIVWarning, stacklevel=3)
+    return Judgement(found, PairJudge(force, pairs, tuple(finding.severity for finding in findings)), findings)
 
 
 def _unusable(found: CheckResult) -> list[Finding]:
@@ -135,19 +164,6 @@ def _stage(progress: Progress, stage: str, done: int, total: int) -> None:
     progress(f"check: {stage}", done, total)
 
 
-def _line(finding: Finding) -> str:
-    return f"{finding.words}; {finding.advice}" if finding.advice else finding.words
-
-
-def not_in_images(chain: Chain, fields: Sequence[Any], dt_s: float, orientation: str) -> dict[str, Any]:
-    """What no image can tell, to be compared with what is known of the experiment: the largest displacement (voxels
-    along x, y, z) and velocity (m/s), the time between pulses and the orientation that both rest on."""
-    largest = {name: max(float(np.nanmax(np.abs(one[name].values))) for one in fields) for name in "uvw"}
-    voxels = [1e3 * dt_s * largest[name] / d for name, d in zip("uvw", chain.grid.voxel_mm, strict=True)]
-    speed = max(float(np.nanmax(np.sqrt(one.u**2 + one.v**2 + one.w**2).values)) for one in fields)
-    return {
-        "largest_displacement_voxels": voxels,
-        "largest_velocity_m_s": speed,
-        "dt_s": dt_s,
-        "orientation": orientation,
-    }
+def line_of(finding: Mapping[str, Any]) -> str:
+    """A finding, as a dict, in one line."""
+    return f"{finding['words']}; {finding['advice']}" if finding["advice"] else str(finding["words"])

@@ -14,7 +14,7 @@ from plenopiv.lightfield import LightField, decode, layout
 from plenopiv.recording import ImageSource, Recording
 from plenopiv.refocusing import image_axes, refocused, sub_aperture
 from plenopiv.run.calibrated import calibrated_camera
-from plenopiv.run.pair import Progress
+from plenopiv.run.frame import Progress
 
 RIM = 0.87  # of the aperture's radius: further out a pixel is lit under some microlenses alone
 HOLES = 0.15  # share of a picture without light, above which a view at the rim is left out

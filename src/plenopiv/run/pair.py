@@ -1,69 +1,145 @@
-"""One frame reconstructed, and a pair of them correlated: what a series repeats."""
+"""A pair of frames correlated, judged and written: what a series repeats.
+
+A ``Job`` is plain data that pickles, so that its frames and pairs can be measured anywhere.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from numpy.typing import NDArray
+import numpy as np
 
 from plenopiv.chain import Chain
-from plenopiv.checks.explained import unexplained_share
-from plenopiv.projection.plenoptic.projector import PlenopticProjector
-from plenopiv.reconstruction.reconstruct import Reconstruction
-from plenopiv.recording import ImageSource, Recording
+from plenopiv.errors import PlenoPIVError
+from plenopiv.io.netcdf import write_velocity
+from plenopiv.io.series_file import pair_file
+from plenopiv.io.vtkhdf import write_volume_vtkhdf
+from plenopiv.recording import Recording
+from plenopiv.run.frame import Frame, LostFrame, Progress, caught_warnings, reconstructed
+from plenopiv.run.judged import PairJudge
+from plenopiv.velocity import replaced, vectors_inside_body
 
 if TYPE_CHECKING:
     import xarray
 
-Progress = Callable[[str, int, int], None]
+
+@dataclass
+class PairRecord:
+    """What is kept of a pair beside its field: the frames' entries in the manifest, why it was ``set_aside`` if it was,
+    findings that are not good, warnings, summaries of the frames, and numbers of the field. ``files``: names in the
+    results folder of what was written."""
+
+    pair: int
+    frames: list[dict[str, Any]]
+    set_aside: str | None = None
+    findings: list[dict[str, Any]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    summaries: dict[str, dict[str, Any]] = field(default_factory=dict)
+    numbers: dict[str, Any] = field(default_factory=dict)
+    files: list[str] = field(default_factory=list)
+
+    def content(self) -> dict[str, Any]:
+        """As the manifest has it, without the files."""
+        return {key: value for key, value in asdict(self).items() if key != "files"}
 
 
 @dataclass(frozen=True)
-class Frame:
-    """A frame of a recording, reconstructed: its number from 0, where it came from, its upright image in counts
-    without static light, and the share of its light that the volume does not explain (``unexplained_share``)."""
+class Job:
+    """What measures every pair of a recording and writes it below ``folder``: with ``volumes`` those of the frames
+    too. ``source``: what the fields say that they come from."""
 
-    number: int
-    source: ImageSource
-    image: NDArray
-    found: Reconstruction
-    unexplained: float | None
+    chain: Chain
+    recording: Recording
+    judge: PairJudge
+    folder: Path
+    source: str
+    volumes: bool = False
 
-    @property
-    def name(self) -> str:
-        """As messages and ``summary.json`` have it."""
-        return self.source.name
+    def frame(self, number: int, progress: Progress) -> Frame | LostFrame:
+        """Frame ``number`` (from 0), reconstructed."""
+        with caught_warnings() as said:
+            try:
+                found = reconstructed(self.chain, self.recording, number, progress)
+            except PlenoPIVError as error:
+                return LostFrame(number, self.recording.frames[number], str(error), tuple(said))
+        return Frame(number, found.source, found.image, found.found, found.unexplained, tuple(said))
 
-    def summary(self) -> dict[str, Any]:
-        """Its entry in ``summary.json``."""
-        return {
-            "dark_noise_counts": self.found.noise.dark,
-            "counts_per_electron": self.found.noise.counts_per_electron,
-            "typical_particle_counts": self.found.particle,
-            "threshold_counts": self.found.threshold,
-            "candidate_share": self.found.candidates,
-            "residual_counts_by_round": list(self.found.residuals),
-            "voxels_kept": int(self.found.volume.column.size),
-            "unexplained_share": self.unexplained,
-        }
+    def not_asked(self, number: int) -> LostFrame:
+        """Frame ``number``, which need not be reconstructed because the other one of its pair is lost."""
+        return LostFrame(number, self.recording.frames[number], "")
+
+    def pair(self, number: int, before: Frame | LostFrame, after: Frame | LostFrame, progress: Progress) -> PairRecord:
+        """Measure a pair between its frames and write its field.
+
+        Raises:
+            PlenoPIVError: a file cannot be written.
+        """
+        record = PairRecord(number, [before.entry, after.entry], warnings=[*before.warned, *after.warned])
+        if isinstance(before, LostFrame) or isinstance(after, LostFrame):
+            record.set_aside = next(one.reason for one in (before, after) if isinstance(one, LostFrame) and one.reason)
+            return record
+        if self.volumes:
+            record.files += [self._volume(frame) for frame in self._own(number, before, after)]
+        found, record.set_aside = self.judge.of_images(before, after)
+        record.findings += map(asdict, found)
+        if record.set_aside is not None:
+            return record
+        record.summaries = {frame.name: frame.summary() for frame in (before, after)}
+        with caught_warnings() as said:
+            try:
+                time_s = self.recording.mid_time_s(number)
+                velocity = velocity_between(self.chain, before, after, self.recording.dt_s, time_s, progress)
+            except PlenoPIVError as error:
+                if len(self.recording.pairs) == 1:
+                    raise
+                record.set_aside = str(error)
+                return record
+            finally:
+                record.warnings += said
+        found, record.set_aside = self.judge.of_field(velocity, (before.name, after.name))
+        record.findings += map(asdict, found)
+        if record.set_aside is not None:
+            return record
+        record.numbers = numbers_of(velocity, self.chain.grid.voxel_mm, self.recording.dt_s)
+        velocity.attrs |= {"source": self.source, "quality": self.judge.quality(record.findings)}
+        name = "velocity.nc" if len(self.recording.pairs) == 1 else pair_file(number)
+        self._path(name)
+        write_velocity(self._path(name), velocity)
+        record.files.append(name)
+        return record
+
+    def _own(self, number: int, *frames: Frame) -> list[Frame]:
+        """The frames that no earlier pair has."""
+        return [frame for frame in frames if all(frame.number not in pair for pair in self.recording.pairs[:number])]
+
+    def _volume(self, frame: Frame) -> str:
+        name = f"volume-{frame.source.stem}.vtkhdf"
+        write_volume_vtkhdf(self._path(name), frame.found.volume)
+        return name
+
+    def _path(self, name: str) -> Path:
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
 
 
-def reconstructed(chain: Chain, recording: Recording, number: int, progress: Progress) -> Frame:
-    """Frame ``number`` (from 0) of a recording.
-
-    Raises:
-        PlenoPIVError: its image cannot be used, or shows no particles.
-    """
-    source, (light, static) = recording.frames[number], recording.light(number)
-    behind = None if static is None else [static]
-    found = chain.reconstruct([light], source.name, partial(progress, f"reconstruction of {source.name}"), behind)
-    left = None
-    if isinstance(chain.projection, PlenopticProjector):
-        left = unexplained_share(chain.projection, found.volume, light, found.noise)
-    return Frame(number, source, light, found, left)
+def numbers_of(velocity: xarray.Dataset, voxel_mm: tuple[float, float, float], dt_s: float) -> dict[str, Any]:
+    """Of a field: how many vectors, replaced ones and those in a body; the median ratio of peaks; the largest
+    displacement (voxels along x, y, z) and velocity (m/s)."""
+    largest = {name: float(np.nanmax(np.abs(velocity[name].values))) for name in "uvw"}
+    speed = np.sqrt(velocity.u**2 + velocity.v**2 + velocity.w**2)
+    return {
+        "vectors": int(velocity.valid.size),
+        "replaced": int(replaced(velocity).sum()),
+        "inside_body": vectors_inside_body(velocity),
+        "median_peak_ratio": float(np.nanmedian(velocity.peak_ratio.values)),
+        "largest_displacement_voxels": [
+            1e3 * dt_s * largest[name] / d for name, d in zip("uvw", voxel_mm, strict=True)
+        ],
+        "largest_velocity_m_s": float(np.nanmax(speed.values)),
+    }
 
 
 def velocity_between(

@@ -28,7 +28,7 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.recording import Recording
 from plenopiv.report.figures import png, velocity_figure
-from plenopiv.run.pair import Progress
+from plenopiv.run.frame import Progress
 from plenopiv.run.series import RunResult, run
 from plenopiv.run.solid import solid_in
 from plenopiv.sensor import Sensor, middle, middle_of

@@ -1,124 +1,154 @@
-"""What a run leaves in its results folder: vectors, summary, resolved experiment file, report, volumes."""
+"""What a run leaves in its results folder when all pairs are measured: velocity.nc, summary, report."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import plenopiv
-from plenopiv.chain import Chain
 from plenopiv.experiment import Experiment
-from plenopiv.io.netcdf import write_velocity
-from plenopiv.io.output import OutputFolder
-from plenopiv.io.vtkhdf import write_volume_vtkhdf
-from plenopiv.lightfield import decode
-from plenopiv.report import light_field_stacks, projections, raw_crops, volume_stack, write_report
+from plenopiv.io.netcdf import read_velocity
+from plenopiv.io.output import plain
+from plenopiv.io.series_file import write_series
+from plenopiv.io.series_folder import SeriesFolder
+from plenopiv.recording import Recording
+from plenopiv.report import write_report
 from plenopiv.run.judged import Judgement
 from plenopiv.run.log import Clock
-from plenopiv.run.pair import Frame
 from plenopiv.run.plan import Plan
+from plenopiv.run.shown import FirstFrame
 from plenopiv.run.versions import versions
-from plenopiv.velocity import replaced_share, vectors_inside_body
 
 if TYPE_CHECKING:
     import xarray
 
 Score = Callable[["xarray.Dataset"], Mapping[str, Any]]
+Record = Mapping[str, Any]  # of a pair, as the manifest has it (``PairRecord``)
 
 
-@dataclass(frozen=True)
-class FirstFrame:
-    """What the report shows of the first frame: crops of its image, projections of its volume, and stacks of both."""
-
-    crops: Any
-    views: Any
-    stacks: Any
-
-    @classmethod
-    def of(cls, chain: Chain, frame: Frame, clock: Clock) -> FirstFrame:
-        """Of the first frame, while its volume is there."""
-        camera, volume = chain.camera, frame.found.volume
-        crops, views = raw_crops(frame.image, camera, frame.name), projections(volume)
-        with clock("report"):
-            light_field = decode(frame.image, chain.layout)
-            stacks = [volume_stack(volume), *light_field_stacks(light_field, chain.grid.limits_mm()[2])]
-        return cls(crops, views, stacks)
-
-
-def write_volume(out: OutputFolder, frame: Frame) -> None:
-    """The volume of a frame, for ParaView."""
-    write_volume_vtkhdf(out.path(f"volume-{frame.source.stem}.vtkhdf"), frame.found.volume)
-
-
-def joined(fields: Sequence[xarray.Dataset], experiment: Experiment, quality: str) -> xarray.Dataset:
-    """The fields of successive pairs along time, where they come from, and what the checks say of the recording."""
-    import xarray
-
-    velocity = fields[0] if len(fields) == 1 else xarray.concat(fields, "time", combine_attrs="override")
-    velocity.attrs["source"] = f"PlenoPIV {plenopiv.__version__}, {experiment.path.name}"
-    velocity.attrs["quality"] = quality
-    return velocity
+def source(experiment: Experiment) -> str:
+    """What fields say that they come from."""
+    return f"PlenoPIV {plenopiv.__version__}, {experiment.path.name}"
 
 
 def summary_of(
     experiment: Experiment,
-    velocity: xarray.Dataset,
-    frames: Mapping[str, Mapping[str, Any]],
+    recording: Recording,
+    records: Sequence[Record],
     calibration: Mapping[str, Any],
     judgement: Judgement,
     plan: Plan,
     warned: Sequence[str],
     clock: Clock,
 ) -> dict[str, Any]:
-    """What ``summary.json`` holds; ``frames``: of each by name (``Frame.summary``)."""
+    """What ``summary.json`` holds; ``records`` of all pairs."""
+    fields = [record["numbers"] for record in records if record["set_aside"] is None]
+    frames = {name: found for record in records for name, found in record["summaries"].items()}
+    vectors = sum(field["vectors"] for field in fields)
+    inside = [field["inside_body"] for field in fields if field["inside_body"] is not None]
     return {
+        "not_in_images": _not_in_images(fields, recording),
         "plenopiv": plenopiv.__version__,
         "versions": versions(),
         "experiment": experiment.path.name,
+        "pairs": len(records),
         "frames": list(frames),
-        **judgement.summary(),
+        **judgement.summary(recording, records),
         "calibration": dict(calibration),
         "voxels": plan.chain.grid.size,
-        "reconstruction": dict(frames),
-        "vectors": int(velocity.valid.size),
-        **({} if (inside := vectors_inside_body(velocity)) is None else {"vectors_inside_body": inside}),
-        "replaced_share": replaced_share(velocity),
-        "median_peak_ratio": float(np.nanmedian(velocity.peak_ratio.values)),
+        "reconstruction": frames,
+        "vectors": vectors,
+        **({"vectors_inside_body": sum(inside)} if inside else {}),
+        "replaced_share": sum(field["replaced"] for field in fields) / max(vectors - sum(inside), 1),
+        "median_peak_ratio": float(np.median([field["median_peak_ratio"] for field in fields])),
         "tiles": plan.tiles,
         "memory_estimate_gb": plan.needed.peak / 1e9,
         "warnings": list(warned),
-        "time_estimate_s": round(plan.takes.run(len(frames), velocity.sizes["time"]), 1),
+        "time_estimate_s": round(plan.takes.run(len(frames), len(fields)), 1),
         "timings_s": clock.seconds,
         "peak_memory_gb": clock.peak_gb,
     }
 
 
+def _not_in_images(fields: Sequence[Mapping[str, Any]], recording: Recording) -> dict[str, Any]:
+    """What no image can tell, to be compared with what is known of the experiment: the largest displacement (voxels
+    along x, y, z) and velocity (m/s), the time between pulses and the orientation that both rest on."""
+    moved = np.max([field["largest_displacement_voxels"] for field in fields], axis=0)
+    return {
+        "largest_displacement_voxels": moved.tolist(),
+        "largest_velocity_m_s": max(field["largest_velocity_m_s"] for field in fields),
+        "dt_s": recording.dt_s,
+        "orientation": recording.orientation,
+    }
+
+
 def write_results(
-    out: OutputFolder,
+    folder: SeriesFolder,
     experiment: Experiment,
-    velocity: xarray.Dataset,
+    recording: Recording,
+    records: Sequence[Record],
     summary: dict[str, Any],
     first: FirstFrame,
     score: Score | None,
     clock: Clock,
-) -> None:
-    """velocity.nc, experiment.toml, report.html with its figures, and summary.json."""
+) -> list[str]:
+    """velocity.nc of a series, experiment.toml, report.html with its figures, and summary.json; returns their names.
+
+    Raises:
+        PlenoPIVError: one cannot be written, or the file of a pair cannot be read.
+    """
+    files = {record["pair"]: _field_file(record) for record in records if record["set_aside"] is None}
+    number = min(files)
+    shown = read_velocity(folder.there(files[number]))
+    names = ["experiment.toml", "report.html", "summary.json"]
+    if len(records) > 1:
+        times = [recording.mid_time_s(record["pair"]) for record in records]
+        write_series(folder.path("velocity.nc"), shown, times, files, {"quality": summary["quality"]})
+        names.append("velocity.nc")
     with clock("report"):
-        write_velocity(out.path("velocity.nc"), velocity)
-        out.write_text("experiment.toml", experiment.dump_toml(experiment.output_directory))
+        folder.write_text("experiment.toml", experiment.dump_toml(experiment.output_directory))
         write_report(
-            out.path("report.html"),
+            folder.path("report.html"),
             title=f"{experiment.path.name}: velocity field",
             experiment=experiment,
             summary=summary,
-            dataset=velocity,
+            dataset=shown,
             crops=first.crops,
             views=first.views,
             stacks=first.stacks,
-            figures_folder=out.path("figures"),
-            accuracy=score(velocity) if score else None,
+            series=series_of(recording, records),
+            figures_folder=folder.work / "figures",
+            accuracy=score(_all_fields(folder, files)) if score else None,
         )
-    out.write_json("summary.json", summary)
+    folder.write_text("summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
+    figures = folder.work / "figures"
+    return names + sorted(f"figures/{path.name}" for path in figures.iterdir()) if figures.is_dir() else names
+
+
+def series_of(recording: Recording, records: Sequence[Record]) -> dict[str, Any]:
+    """By pair what the report plots of a series: its time in s, share of vectors replaced, median ratio of peaks and
+    largest velocity in m/s; NaN of a pair that was set aside."""
+    none = {"vectors": 0, "inside_body": 0, "replaced": np.nan, "median_peak_ratio": np.nan}
+    numbers = [record["numbers"] or {**none, "largest_velocity_m_s": np.nan} for record in records]
+    counts = [max(each["vectors"] - (each["inside_body"] or 0), 1) for each in numbers]
+    return {
+        "time_s": [recording.mid_time_s(record["pair"]) for record in records],
+        "replaced_share": [each["replaced"] / count for each, count in zip(numbers, counts, strict=True)],
+        "median_peak_ratio": [each["median_peak_ratio"] for each in numbers],
+        "largest_velocity_m_s": [each["largest_velocity_m_s"] for each in numbers],
+    }
+
+
+def _field_file(record: Record) -> str:
+    return next(name for name in record["files"] if name.endswith(".nc"))
+
+
+def _all_fields(folder: SeriesFolder, files: Mapping[int, str]) -> xarray.Dataset:
+    """The fields of all pairs, in memory."""
+    import xarray
+
+    fields = [read_velocity(folder.there(files[number])) for number in sorted(files)]
+    return fields[0] if len(fields) == 1 else xarray.concat(fields, "time", combine_attrs="override")

@@ -1,0 +1,118 @@
+"""Who works on which pairs of a results folder: a lock that the system gives back when its process dies.
+
+A POSIX record lock on a file, a byte for each pair. It holds across the nodes of a cluster, on NFS too, and a run that
+was killed leaves none behind. Locks of pairs that do not overlap exist side by side: array jobs, each with its pairs.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import threading
+import time
+from pathlib import Path
+
+from plenopiv.errors import PlenoPIVError
+
+try:
+    import fcntl
+except ImportError:  # pragma: no cover - Windows: one process alone, no lock between processes
+    fcntl = None  # type: ignore[assignment]
+
+_HELD: set[tuple[int, int]] = set()  # files that this process has locked: record locks do not keep it from itself
+_HELD_GUARD = threading.Lock()
+
+
+class FolderLock:
+    """A lock on the pairs ``first`` <= k < ``end`` of a folder, of all pairs without ``end``; taken on entering.
+
+    ``path``: of the lock's file, which is made where it is missing and stays. It holds a line for each run that took
+    it: host, process, time and pairs.
+
+    Raises:
+        PlenoPIVError: on entering: another run holds one of the pairs, or the file cannot be written.
+    """
+
+    def __init__(self, path: Path, first: int = 0, end: int | None = None):
+        self.path, self.first, self.end = path, first, end
+        self._descriptor: int | None = None
+        self._key = (0, 0)
+
+    def __enter__(self) -> FolderLock:
+        while True:
+            try:
+                descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
+            except OSError as error:
+                raise PlenoPIVError(f"{self.path}: cannot be written ({error.strerror})") from None
+            found = os.fstat(descriptor)
+            key = (found.st_dev, found.st_ino)
+            with _HELD_GUARD:
+                mine = key in _HELD
+                if not mine:
+                    _HELD.add(key)
+            if mine:  # and the descriptor stays open: to close it would give the other run's lock back
+                raise self._in_use()
+            try:
+                self._take(descriptor)
+            except BaseException:
+                self._let_go(descriptor, key)
+                raise
+            if self._is_current(found):
+                break
+            self._let_go(descriptor, key)  # an ended run has removed the file meanwhile
+        self._descriptor, self._key = descriptor, key
+        self._sign(descriptor)
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        if self._descriptor is not None:
+            self._let_go(self._descriptor, self._key)
+            self._descriptor = None
+
+    def alone(self) -> bool:
+        """Whether no other run holds any pair; if so, this one holds all of them from now on."""
+        if self._descriptor is None or fcntl is None:
+            return self._descriptor is not None
+        try:
+            fcntl.lockf(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB, 0, 0)
+        except OSError:
+            return False
+        return True
+
+    def _take(self, descriptor: int) -> None:
+        if fcntl is None:
+            return
+        count = 0 if self.end is None else self.end - self.first  # 0: to the end of all files
+        try:
+            fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB, count, self.first)
+        except OSError as error:
+            if error.errno in (errno.EACCES, errno.EAGAIN):
+                raise self._in_use() from None
+            raise PlenoPIVError(
+                f"{self.path}: cannot be locked ({error.strerror}); put output.directory on a file system with locks"
+            ) from None
+
+    def _is_current(self, found: os.stat_result) -> bool:
+        try:
+            now = os.stat(self.path)
+        except OSError:
+            return False
+        return (now.st_dev, now.st_ino) == (found.st_dev, found.st_ino)
+
+    def _let_go(self, descriptor: int, key: tuple[int, int]) -> None:
+        os.close(descriptor)
+        with _HELD_GUARD:
+            _HELD.discard(key)
+
+    def _sign(self, descriptor: int) -> None:
+        pairs = "all pairs" if self.end is None else f"pairs {self.first} to {self.end - 1}"
+        line = f"{socket.gethostname()}, process {os.getpid()}, {time.strftime('%Y-%m-%d %H:%M:%S')}, {pairs}\n"
+        os.lseek(descriptor, 0, os.SEEK_END)
+        os.write(descriptor, line.encode())
+
+    def _in_use(self) -> PlenoPIVError:
+        return PlenoPIVError(
+            f"{self.path.parent.parent}: another run works in this folder ({self.path} says which); wait for its end, "
+            "or take another output.directory"
+        )

@@ -1,0 +1,313 @@
+"""The results folder of a series: finished pairs are kept, whatever ends the run, and found again by the next one.
+
+While a run goes on all that it writes lies in ``.plenopiv`` within the folder, laid out as in the folder itself: the
+files of finished pairs, and a record of each. When the last one is done, the manifest is written there, and all is
+moved into place, ``summary.json`` and the manifest last. Where a run was killed while it moved files, the next one goes
+on with that. Results that were there before stay whole until then.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from plenopiv.errors import PlenoPIVError
+from plenopiv.io import manifest as manifests
+from plenopiv.io.aside import sync_names, written_aside
+from plenopiv.io.lock import FolderLock
+from plenopiv.io.manifest import Manifest, changes, digest_of, is_whole, sha256
+from plenopiv.io.output import COMPLETE, plain
+
+WORK, LOCK, INPUTS = ".plenopiv", "lock", "inputs.json"
+LAST = (*COMPLETE, manifests.NAME)  # moved last, in this order
+NAMED = 3  # changes that a message names
+
+
+class SeriesFolder:
+    """``directory``, locked for the pairs ``first`` <= k < ``end``, for all of them without ``end``.
+
+    ``begin`` compares what the results depend on, ``settle`` the calibration; then ``finished`` holds the records of
+    the pairs that are there and whole. ``store`` keeps a finished pair, ``publish`` moves all into place.
+
+    Raises:
+        PlenoPIVError: on entering: the folder is a file, cannot be written, or another run works on these pairs.
+    """
+
+    def __init__(self, directory: Path, overwrite: bool = False, first: int = 0, end: int | None = None):
+        self.directory, self.work, self.overwrite = directory, directory / WORK, overwrite
+        self.finished: dict[int, dict[str, Any]] = {}
+        self.depends = ""
+        self.words: list[str] = []  # on what was found damaged
+        self._lock = FolderLock(self.work / LOCK, first, end)
+        self._alone = end is None
+        self._made: list[Path] = []
+        self._mode = "new"  # "repair": whole pairs of the results are kept; "replace": none
+        self._known: dict[str, Any] | None = None  # what the pairs that are there depend on
+        self._results: Manifest | None = None
+
+    def __enter__(self) -> SeriesFolder:
+        if self.directory.exists() and not self.directory.is_dir():
+            raise PlenoPIVError(f"{self.directory}: is a file; output.directory must name a folder")
+        try:
+            for folder in reversed([self.work, *self.work.parents]):
+                if not folder.exists():
+                    folder.mkdir(exist_ok=True)
+                    self._made.append(folder)
+        except OSError as error:
+            self._remove_made()
+            raise PlenoPIVError(f"{self.directory}: cannot be written ({error.strerror})") from None
+        try:
+            self._lock.__enter__()
+        except BaseException:
+            self._remove_made()
+            raise
+        try:
+            if self._alone:
+                self._sweep()
+        except BaseException:
+            self.__exit__(PlenoPIVError)
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *failure: object) -> None:
+        try:
+            if kind is not None and self.work.is_dir() and not self._stored() and self._lock.alone():
+                self.discard()
+        finally:
+            self._lock.__exit__()
+            self._remove_made()
+
+    def begin(self, inputs: Mapping[str, Any]) -> None:
+        """Compare what this run depends on, but for its calibration, with what is there.
+
+        Raises:
+            PlenoPIVError: results or an unfinished run of other inputs are there, and not ``overwrite``.
+        """
+        unfinished = _read_json(self.work / INPUTS)
+        if unfinished is not None and (named := _named(unfinished["inputs"], inputs)):
+            if not self.overwrite:
+                raise PlenoPIVError(
+                    f"{self.directory}: holds an unfinished run of other inputs ({named}); --overwrite begins anew, "
+                    "another output.directory keeps both"
+                )
+            self._clear()
+            unfinished = None
+        self._results = Manifest.read(self.directory / manifests.NAME)
+        complete = all((self.directory / name).exists() for name in COMPLETE)
+        if unfinished is not None:
+            self._mode, self._known = unfinished["mode"], unfinished["inputs"]
+        elif self.overwrite:
+            self._mode = "replace"
+        elif self._results is not None:
+            self._mode, self._known = "repair", self._results.inputs
+            if self._known is None and (stated := _inputs_of_summary(self.directory)) is not None:
+                self._known = {"digest": stated}
+            if self._known is None:
+                raise PlenoPIVError(
+                    f"{self.directory / manifests.NAME}: is damaged, and nothing says what the results are made of; "
+                    "use --overwrite, or another output.directory"
+                )
+            if "digest" not in self._known and (named := _named(self._known, inputs)):
+                raise PlenoPIVError(
+                    f"{self.directory}: holds a run of other inputs ({named}); use --overwrite, or another "
+                    "output.directory"
+                )
+        elif complete:
+            raise PlenoPIVError(f"{self.directory}: holds a complete run; use --overwrite, or another output.directory")
+        if self._mode != "repair":
+            self._results = None
+
+    def settle(self, inputs: Mapping[str, Any]) -> None:
+        """Take ``inputs``, now with the calibration, as what the pairs of this run depend on, and look for those that
+        are there.
+
+        Raises:
+            PlenoPIVError: the calibration is another one; the folder cannot be written.
+        """
+        self.depends = digest_of(inputs)
+        known = self._known
+        if known is not None:
+            same = known["digest"] == self.depends if "digest" in known else not _named(known, inputs)
+            if not same:
+                named = "other inputs" if "digest" in known else _named(known, inputs)
+                raise PlenoPIVError(
+                    f"{self.directory}: holds a run of another calibration ({named}); use --overwrite, or another "
+                    "output.directory"
+                )
+        if not (self.work / INPUTS).exists():
+            self._write(INPUTS, json.dumps(plain({"inputs": inputs, "mode": self._mode}), sort_keys=True) + "\n")
+        self._look()
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the results of ``inputs`` are there, every file as the manifest has it."""
+        return self._results is not None and not self.words and not self._stored()
+
+    def path(self, name: str) -> Path:
+        """Where to write a file that shall become ``directory / name``."""
+        path = self.work / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def there(self, name: str) -> Path:
+        """Where a file is that was finished: among the results, or in the making."""
+        return self.work / name if (self.work / name).exists() else self.directory / name
+
+    def write_text(self, name: str, text: str) -> None:
+        """Write a text file (UTF-8) that shall become ``directory / name``."""
+        self._write(name, text)
+
+    def store(self, record: Mapping[str, Any], files: Iterable[str]) -> dict[str, Any]:
+        """Keep the record of a pair (with the key "pair") whose ``files`` are written; returns it as it is kept.
+
+        Raises:
+            PlenoPIVError: the folder cannot be written.
+        """
+        kept = plain({**record, "depends": self.depends, "files": {name: sha256(self.work / name) for name in files}})
+        self._write(_record(kept["pair"]), manifests.line(kept))
+        self.finished[kept["pair"]] = kept
+        return kept
+
+    def publish(self, files: Iterable[str], inputs: Mapping[str, Any]) -> None:
+        """Write the manifest and move all into place; ``files``: names of those that belong to no pair.
+
+        Raises:
+            PlenoPIVError: the folder cannot be written; the next run goes on with it.
+        """
+        listed = {name: sha256(self.there(name)) for name in files}
+        made = Manifest(dict(inputs), self.finished, listed)
+        self._write(manifests.NAME, made.text())
+        self._move()
+
+    def discard(self) -> None:
+        """Forget what was made of this run."""
+        shutil.rmtree(self.work, ignore_errors=True)
+
+    def _look(self) -> None:
+        """Fill ``finished``."""
+        found = dict(self._results.pairs) if self._results else {}
+        if self._results and self._results.damaged:
+            many = self._results.damaged
+            self.words.append(f"{self.directory / manifests.NAME}: {many} line{'s'[: many > 1]} damaged or gone")
+        if self._results:
+            files = self._results.files.items()
+            broken = [self.directory / name for name, digest in files if not is_whole(self.directory / name, digest)]
+            self.words += [f"{path}: {_wrong(path)}; it is made again" for path in broken]
+        for path in sorted((self.work / "pairs").glob("*.json")):
+            record = manifests.whole(path.read_text(encoding="utf-8", errors="replace").strip())
+            if record is None:
+                self.words.append(f"{path}: is damaged; its pair is measured again")
+            else:
+                found[record["pair"]] = record
+        for number, record in sorted(found.items()):
+            if record.get("depends") != self.depends:
+                continue
+            broken = [name for name, digest in record["files"].items() if not is_whole(self.there(name), digest)]
+            if broken:
+                wrong = _wrong(self.there(broken[0]))
+                self.words.append(f"{self.directory / broken[0]}: {wrong}; pair {number} is measured again")
+            else:
+                self.finished[number] = record
+
+    def _stored(self) -> bool:
+        """Whether a finished pair lies in the work folder."""
+        return any((self.work / "pairs").glob("*.json"))
+
+    def _sweep(self) -> None:
+        """End what a killed run left: files half written, and moves."""
+        for path in [*self.work.rglob(".*.part"), *self.directory.glob(".*.part")]:
+            with suppress(OSError):
+                path.unlink()
+        if (self.work / manifests.NAME).exists():
+            made = Manifest.read(self.work / manifests.NAME)
+            if made is not None and made.inputs is not None and not made.damaged:
+                self._move()
+                self._made = []
+                self.work.mkdir()
+                self._lock.__exit__()
+                self._lock.__enter__()
+            else:
+                (self.work / manifests.NAME).unlink()
+
+    def _move(self) -> None:
+        """Move what the work folder holds into place; what the results before had besides is removed."""
+        made, before = (Manifest.read(folder / manifests.NAME) for folder in (self.work, self.directory))
+        assert made is not None
+        listed = set(made.files) | {name for record in made.pairs.values() for name in record["files"]}
+        names = [name for name in sorted(listed - set(LAST)) if (self.work / name).exists()]
+        names += [name for name in LAST if (self.work / name).exists()]
+        try:
+            for name in names:
+                with (self.work / name).open("rb") as file:
+                    os.fsync(file.fileno())
+                (self.directory / name).parent.mkdir(exist_ok=True, parents=True)
+            (self.directory / COMPLETE[-1]).unlink(missing_ok=True)  # no complete run until all is moved
+            for name in names:
+                os.replace(self.work / name, self.directory / name)
+            if before is not None:
+                kept = listed | set(LAST)
+                old = set(before.files) | {name for record in before.pairs.values() for name in record["files"]}
+                for name in old - kept:
+                    (self.directory / name).unlink(missing_ok=True)
+            sync_names(self.directory)
+        except OSError as error:
+            where = error.filename or self.directory
+            raise PlenoPIVError(f"{where}: cannot be written ({error.strerror})") from None
+        self.discard()
+        self._made = []
+
+    def _clear(self) -> None:
+        """Forget an unfinished run, but not the lock."""
+        for path in self.work.iterdir():
+            if path.name != LOCK:
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+    def _write(self, name: str, text: str) -> None:
+        with written_aside(self.path(name)) as aside:
+            aside.write_text(text, encoding="utf-8", newline="\n")
+
+    def _remove_made(self) -> None:
+        """Remove the folders that were made and are empty."""
+        while self._made:
+            try:
+                self._made.pop().rmdir()
+            except FileNotFoundError:
+                continue
+            except OSError:
+                break
+
+
+def _wrong(path: Path) -> str:
+    return "is damaged" if path.exists() else "is gone"
+
+
+def _record(pair: int) -> str:
+    return f"pairs/pair-{pair:04d}.json"
+
+
+def _named(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """The first changes of inputs, for a message; keys that ``now`` does not have yet are left out."""
+    found = list(changes({key: before[key] for key in before if key in now}, now))
+    more = f", and {len(found) - NAMED} more" if len(found) > NAMED else ""
+    return "; ".join(found[:NAMED]) + more
+
+
+def _read_json(path: Path) -> dict[str, Any] | None:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        return found if {"inputs", "mode"} <= found.keys() else None
+    except (OSError, ValueError, AttributeError):
+        return None
+
+
+def _inputs_of_summary(directory: Path) -> str | None:
+    """What ``summary.json`` says that the results depend on."""
+    try:
+        return str(json.loads((directory / "summary.json").read_text(encoding="utf-8"))["inputs_sha256"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

@@ -1,0 +1,105 @@
+"""One frame of a recording, reconstructed; or why it was lost."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from numpy.typing import NDArray
+
+from plenopiv.chain import Chain
+from plenopiv.checks.explained import unexplained_share
+from plenopiv.errors import PlenoPIVWarning
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
+from plenopiv.reconstruction.reconstruct import Reconstruction
+from plenopiv.recording import ImageSource, Recording
+from plenopiv.run.inputs import frame_entry, of_image
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame of a recording, reconstructed: its number from 0, where it came from, its upright image in counts
+    without static light, the share of its light that the volume does not explain (``unexplained_share``), and what was
+    warned of."""
+
+    number: int
+    source: ImageSource
+    image: NDArray
+    found: Reconstruction
+    unexplained: float | None
+    warned: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """As messages and ``summary.json`` have it."""
+        return self.source.name
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """Its entry in the manifest."""
+        return frame_entry(self.source, of_image(self.image))
+
+    def summary(self) -> dict[str, Any]:
+        """Its entry in ``summary.json``."""
+        return {
+            "dark_noise_counts": self.found.noise.dark,
+            "counts_per_electron": self.found.noise.counts_per_electron,
+            "typical_particle_counts": self.found.particle,
+            "threshold_counts": self.found.threshold,
+            "candidate_share": self.found.candidates,
+            "residual_counts_by_round": list(self.found.residuals),
+            "voxels_kept": int(self.found.volume.column.size),
+            "unexplained_share": self.unexplained,
+        }
+
+
+@dataclass(frozen=True)
+class LostFrame:
+    """A frame that cannot be read, or shows no particles."""
+
+    number: int
+    source: ImageSource
+    reason: str
+    warned: tuple[str, ...] = ()
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """Its entry in the manifest."""
+        return frame_entry(self.source, None)
+
+
+def reconstructed(chain: Chain, recording: Recording, number: int, progress: Progress) -> Frame:
+    """Frame ``number`` (from 0) of a recording.
+
+    Raises:
+        PlenoPIVError: its image cannot be used, or shows no particles.
+    """
+    source, (light, static) = recording.frames[number], recording.light(number)
+    behind = None if static is None else [static]
+    found = chain.reconstruct([light], source.name, partial(progress, f"reconstruction of {source.name}"), behind)
+    left = None
+    if isinstance(chain.projection, PlenopticProjector):
+        left = unexplained_share(chain.projection, found.volume, light, found.noise)
+    return Frame(number, source, light, found, left)
+
+
+@contextmanager
+def caught_warnings() -> Iterator[list[str]]:
+    """Collect PlenoPIV's warnings instead of showing them, each once."""
+    said: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            yield said
+        finally:
+            texts = [str(one.message) for one in caught if issubclass(one.category, PlenoPIVWarning)]
+            said += dict.fromkeys(texts)
+    for one in caught:
+        if not issubclass(one.category, PlenoPIVWarning):
+            warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)

@@ -1,0 +1,102 @@
+"""What a result depends on: program, settings, images that calibrate, and the frames of each pair.
+
+Two runs of the same inputs give the same bits, so pairs that one has finished are kept by the other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.chain import Chain
+from plenopiv.errors import PlenoPIVError
+from plenopiv.experiment import Experiment
+from plenopiv.io.manifest import sha256
+from plenopiv.io.output import plain
+from plenopiv.recording import ImageSource, Recording
+from plenopiv.run.versions import versions
+
+COMPUTING = ("plenopiv", "numpy", "scipy", "numba", "llvmlite")  # libraries whose version may change bits
+
+
+def stated_inputs(experiment: Experiment, recording: Recording, force: bool) -> dict[str, Any]:
+    """Inputs that are known before anything is computed: versions, device, settings, and hashes of the images that
+    calibrate, of mask and body.
+    """
+    known = versions()
+    tables = experiment.model_dump(by_alias=True, exclude_none=True)
+    tables.pop("simulation", None)
+    tables["output"].pop("directory", None)
+    paths = [recording.white_path, *recording.calibration_paths]
+    paths += [recording.mask] if isinstance(recording.mask, Path) else []
+    paths += [experiment.folder / experiment.volume.body] if experiment.volume.body else []
+    return {
+        "versions": {name: known[name] for name in COMPUTING},
+        "device": "cpu",
+        "force": force,
+        "settings": plain(tables),
+        "files": {path.name: _of_file(path) for path in paths if path is not None},
+    }
+
+
+def with_calibration(inputs: Mapping[str, Any], chain: Chain, recording: Recording) -> dict[str, Any]:
+    """The same, and what calibration made of the images: lattice, shot noise, pixels left out, static light."""
+    static = recording.static_light
+    arrays = [*chain.unusable, *([] if static is None else [static.dark, *(static.pulses or ())])]
+    found = {
+        "cameras": repr(chain.cameras),
+        "counts_per_electron": repr(chain.counts_per_electron),
+        "images": [None if array is None else of_image(array) for array in arrays],
+    }
+    return {**inputs, "calibration": found}
+
+
+def of_image(image: NDArray) -> str:
+    """Hash of an image."""
+    return hashlib.sha256(np.ascontiguousarray(image).data).hexdigest()
+
+
+def frame_entry(source: ImageSource, digest: str | None) -> dict[str, Any]:
+    """A frame as the manifest has it: name, size and time of its file, and the hash of its image; None of one that
+    could not be read."""
+    try:
+        found = source.path.stat()
+        size, time = found.st_size, found.st_mtime_ns
+    except OSError:
+        size, time = None, None
+    return {"name": source.name, "bytes": size, "mtime_ns": time, "sha256": digest}
+
+
+def changed_frame(recording: Recording, record: Mapping[str, Any]) -> str | None:
+    """What changed of the frames of a pair since they were measured; None where nothing did.
+
+    An image is read where the size or the time of its file is another one. A file that is gone tells nothing.
+    """
+    pair = recording.pairs[record["pair"]]
+    was, now = [entry["name"] for entry in record["frames"]], [recording.frames[k].name for k in pair]
+    if was != now:
+        return f"pair {record['pair']} was {was[0]} and {was[1]}, is {now[0]} and {now[1]}"
+    for k, entry in zip(pair, record["frames"], strict=True):
+        found = frame_entry(recording.frames[k], None)
+        if found["bytes"] is None or {**entry, "sha256": None} == found:
+            continue
+        try:
+            same = of_image(recording.light(k)[0]) == entry["sha256"]
+        except PlenoPIVError:
+            same = False
+        if not same:
+            return f"{recording.frames[k].name} is another image than the one that was measured"
+    return None
+
+
+def _of_file(path: Path) -> str | None:
+    """Hash of a file; None where it cannot be read, which is told when it is used."""
+    try:
+        return sha256(path)
+    except OSError:
+        return None
