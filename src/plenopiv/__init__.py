@@ -16,11 +16,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0.dev0"
-__all__ = ["PlenoPIVError", "PlenoPIVWarning", "load", "process"]
+__all__ = ["PlenoPIVError", "PlenoPIVWarning", "load", "process", "statistics_of"]
 
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 
 if TYPE_CHECKING:
+    import xarray
+
     from plenopiv.experiment import Experiment
     from plenopiv.run.series import RunResult
 
@@ -37,3 +39,11 @@ def process(experiment: Experiment, **options: Any) -> RunResult:
     from plenopiv.run.series import run as run_series
 
     return run_series(experiment, **options)
+
+
+def statistics_of(results: str, **options: Any) -> xarray.Dataset:
+    """Mean, RMS, Reynolds stresses and skewness of a run's pairs, each with its uncertainty; see
+    ``plenopiv.io.series_statistics.statistics_of``."""
+    from plenopiv.io.series_statistics import statistics_of as of_file
+
+    return of_file(results, **options)

@@ -3,6 +3,7 @@
 views.py      what the figures show: crops of raw images with the lattice, projections of a volume
 figures.py    images and histograms (matplotlib, no global state)
 charts.py     line charts: residuals, validation, uncertainty, errors by depth
+convergence.py  how the statistics of a series settle
 stacks.py     pictures for sliders: planes of the volume, views of the light field, refocusing
 field.py      the velocity field as the page's scripts read it
 viewers.py    what turns and slides, as HTML

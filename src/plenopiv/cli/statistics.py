@@ -1,0 +1,105 @@
+"""``plenopiv statistics``: mean, RMS, Reynolds stresses of a series, by phase too, with their uncertainty."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from plenopiv.cli.progress import Progress
+from plenopiv.cli.terminal import Outcome
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.io.aside import written_aside
+from plenopiv.io.series_statistics import BY_PHASE, STATISTICS, statistics_of, velocity_file, write_statistics
+from plenopiv.statistics import Phases, summary_of
+from plenopiv.statistics.variables import INTERVAL, NAMES
+
+if TYPE_CHECKING:
+    import xarray
+
+MUCH = 0.01  # of the places, with correlation beyond the lags
+
+
+def statistics(
+    results: Path,
+    phase: Path | None,
+    bins: int,
+    period: float,
+    out: Path | None,
+    lags: int | None,
+    replaced: bool,
+    overwrite: bool,
+) -> Outcome:
+    """Write the statistics of a series and, but for phase averages, the figure of their convergence.
+
+    Raises:
+        PlenoPIVError: fields or phases cannot be read; the file is there already.
+    """
+    target = out or velocity_file(results).with_name(BY_PHASE if phase else STATISTICS)
+    if target.suffix.lower() != ".nc":
+        raise PlenoPIVError(f"{target}: statistics are netCDF files; use a name that ends in .nc")
+    figures = [] if phase else [target.with_suffix(kind) for kind in (".png", ".pdf")]
+    for path in (target, *figures):
+        if path.exists() and not overwrite:
+            raise PlenoPIVError(f"{path}: is there already; use --overwrite, or another name with --out")
+    phases = Phases.read(phase, period) if phase else None
+    options: dict[str, Any] = {"replaced": replaced} | ({} if lags is None else {"lags": lags})
+    with Progress() as progress:
+        found = statistics_of(results, phases, bins, progress, **options)
+    found.attrs["source"] = str(velocity_file(results).name)
+    write_statistics(target, found)
+    if figures:
+        _draw(found, figures)
+    told = summary_of(found)
+    if told["correlated_beyond_lags_share"] > MUCH:
+        warnings.warn(
+            f"{target}: at {100 * told['correlated_beyond_lags_share']:.0f} % of the places the correlation in time "
+            f"outlasts {told['lags']} pairs, and error bars are too short there; use a larger --lags",
+            PlenoPIVWarning,
+            stacklevel=2,
+        )
+    files = [str(path) for path in (target, *figures)]
+    return Outcome("\n".join(_lines(told, found, files)), {"files": files, "statistics": told})
+
+
+def _draw(found: xarray.Dataset, figures: list[Path]) -> None:
+    from plenopiv.report.convergence import convergence_figure
+    from plenopiv.report.figures import png_and_pdf
+
+    drawn = png_and_pdf(convergence_figure(found))
+    for path in figures:
+        with written_aside(path) as aside:
+            aside.write_bytes(drawn[path.suffix[1:]])
+
+
+def _lines(told: dict[str, Any], found: xarray.Dataset, files: list[str]) -> list[str]:
+    left = told["pairs_left_out"]
+    lines = [
+        f"pairs     {told['pairs']}" + (f", {left} of them left out: no vector counts" if left else ""),
+        f"samples   {_text(told['median_samples'])} at a place (median), of {told['vectors_counted']} vectors",
+    ]
+    for k, name in enumerate(NAMES):
+        place = told["largest_rms_at_mm"][k]
+        if place is None:
+            continue
+        at = ", ".join(f"{value:.2f}" for value in place)
+        noise = told["median_noise_share"][k]
+        lines.append(
+            f"{name}         RMS at most {told['largest_rms_m_s'][k]:.4g} m/s, at x, y, z = {at} mm; "
+            f"{100 * (noise or 0):.2g} % of the normal stress are errors of vectors (median)"
+        )
+        error, of_rms = told["median_mean_std_m_s"][k], told["median_rms_std_m_s"][k]
+        if error is not None and of_rms is not None:
+            independent = told["median_independent_samples"][k]
+            lines.append(
+                f"          95 %: mean +-{INTERVAL * error:.2g}, RMS +-{INTERVAL * of_rms:.2g} m/s, from "
+                f"{_text(independent)} independent samples (medians)"
+            )
+    if "phase" in found.dims:
+        counts = ", ".join(f"{p:g}: {n}" for p, n in zip(found["phase"].values, found["pairs"].values, strict=True))
+        lines.insert(1, f"phases    pairs at {counts}")
+    return [*lines, *(f"written   {path}" for path in files)]
+
+
+def _text(value: float | None) -> str:
+    return "no" if value is None else f"{value:.0f}"

@@ -1,0 +1,130 @@
+"""Limiting cases of sampling uncertainty: white noise, AR(1) in time, Gaussian moments; coverage of the intervals."""
+
+import numpy as np
+import pytest
+
+from plenopiv.statistics import SeriesStatistics
+from plenopiv.statistics.correlated import TimeCorrelation
+from plenopiv.statistics.variables import INTERVAL
+
+SHAPE = (6, 9, 10)
+
+
+def ar1(memory, count, seed, shape=(3, *SHAPE)):
+    rng = np.random.default_rng(seed)
+    state = rng.normal(size=shape)
+    for _ in range(count):
+        yield state
+        state = memory * state + np.sqrt(1 - memory**2) * rng.normal(size=shape)
+
+
+def spacing_of(samples, lags=16, missing=0.0):
+    rng = np.random.default_rng(0)
+    time, n, mean = TimeCorrelation(SHAPE, lags), np.zeros(SHAPE, int), np.zeros((3, *SHAPE))
+    for values in samples:
+        counted = rng.random(SHAPE) >= missing
+        n += counted
+        mean += np.where(counted, values - mean, 0.0) / np.maximum(n, 1)
+        time.add(values, counted, mean)
+    return time, time.spacing(n)
+
+
+def test_autocorrelation_is_that_of_all_samples_together():
+    samples = np.stack(list(ar1(0.7, 60, 1))) + 100.0
+    time, _ = spacing_of(samples, lags=5)
+    off = samples - samples.mean(0)
+    for lag in range(1, 6):
+        expected = (off[lag:] * off[:-lag]).mean(0) / (off**2).mean(0)
+        found = time.correlation()[lag - 1]
+        # the middle place averages over five vectors along each axis around it
+        box = expected[:, 1:6, 2:7, 3:8].mean((1, 2, 3))
+        np.testing.assert_allclose(found[:, 3, 4, 5], box, atol=1e-5)
+
+
+def test_white_noise_is_independent():
+    _, spacing = spacing_of(ar1(0.0, 120, 2))
+    for components in ((0,), (1,), (2,), (0, 1), (2, 2), (1, 1, 1)):
+        found = spacing(*components)
+        assert found.mean() == pytest.approx(1.0, abs=0.06)
+        assert (found >= 1).all()
+
+
+@pytest.mark.parametrize(("memory", "missing"), [(0.5, 0.0), (0.8, 0.0), (0.5, 0.1)])
+def test_an_ar1_process_has_its_known_number_of_independent_samples(memory, missing):
+    """T = (1 + a)/(1 - a) for the mean, with a^2 in place of a for variances, a^3 for skewness."""
+    _, spacing = spacing_of(ar1(memory, 300, 3), missing=missing)
+    for order in (1, 2, 3):
+        a = memory**order
+        assert spacing(*[1] * order).mean() == pytest.approx((1 + a) / (1 - a), rel=0.08)
+    assert not spacing.longer_than_lags().any()
+
+
+def test_a_place_that_is_measured_late_is_followed_from_there():
+    time, n, mean = TimeCorrelation(SHAPE, 8), np.zeros(SHAPE, int), np.zeros((3, *SHAPE))
+    for k, values in enumerate(ar1(0.6, 200, 4)):
+        counted = np.full(SHAPE, k >= 60)
+        n += counted
+        mean += np.where(counted, 50.0 + values - mean, 0.0) / np.maximum(n, 1)
+        time.add(50.0 + values, counted, mean)
+    assert time.spacing(n)(0).mean() == pytest.approx(4.0, rel=0.1)
+
+
+def test_correlation_beyond_the_lags_is_said():
+    _, spacing = spacing_of(ar1(0.98, 120, 5), lags=4)
+    assert spacing.longer_than_lags().mean() > 0.9
+
+
+def test_pairs_set_aside_are_steps_in_time():
+    """Every second sample missing: the lag of what follows is two, and its correlation that of two steps."""
+    time, n, mean = TimeCorrelation(SHAPE, 6), np.zeros(SHAPE, int), np.zeros((3, *SHAPE))
+    for k, values in enumerate(ar1(0.8, 400, 6)):
+        counted = np.full(SHAPE, k % 2 == 0)
+        n += counted
+        mean += np.where(counted, values - mean, 0.0) / np.maximum(n, 1)
+        time.add(values, counted, mean)
+    assert time.correlation()[1].mean() == pytest.approx(0.64, abs=0.03)
+
+
+def coverage(found, truth):
+    return {
+        name: 100 * float((np.abs(found[name] - value) < INTERVAL * found[f"{name}_std"]).mean())
+        for name, value in truth.items()
+    }
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5])
+def test_intervals_cover(memory, field_of):
+    """Of Gaussian turbulence with known noise of the vectors, 95 % of the places; the whole is in benchmarks."""
+    rng = np.random.default_rng(7)
+    stress = np.array([[1.0, -0.4, 0.1], [-0.4, 0.6, 0.05], [0.1, 0.05, 0.4]])
+    root, noise, statistics = np.linalg.cholesky(stress), 0.2, None
+    for white in ar1(memory, 120, 8):
+        values = 3.0 + np.einsum("ij,j...->i...", root, white) + noise * rng.normal(size=white.shape)
+        field = field_of(values, noise, rng.random(SHAPE) > 0.03)
+        statistics = statistics or SeriesStatistics(field)
+        statistics.add(field)
+    truth = {f"{n}_mean": 3.0 for n in "uvw"} | {f"{n}_skewness": 0.0 for n in "uvw"}
+    for a in range(3):
+        truth["uvw"[a] * 2 + "_corrected"] = stress[a, a]
+        truth["uvw"[a] + "_rms_corrected"] = np.sqrt(stress[a, a])
+        truth["uvw"[a] * 2] = stress[a, a] + noise**2
+        truth |= {"uvw"[a] + "uvw"[b]: stress[a, b] for b in range(a + 1, 3)}
+    found = coverage(statistics.result(), truth)
+    assert min(found.values()) > 88, found
+    assert max(found.values()) < 99, found
+    assert 92 < np.mean(list(found.values())) < 97, found
+
+
+def test_a_gaussian_s_variances_have_their_known_uncertainty(field_of):
+    """2 u^4/n for a variance, (1 + r^2) u^2 v^2/n for a covariance, 6/n for skewness."""
+    rng = np.random.default_rng(9)
+    statistics = None
+    for _ in range(200):
+        u, other, w = rng.normal(size=(3, 8, 9, 10))
+        field = field_of(np.stack([2 * u, 0.6 * u + 0.8 * other, w]))
+        statistics = statistics or SeriesStatistics(field, lags=0)
+        statistics.add(field)
+    found = statistics.result()
+    assert float(found.uu_std.mean()) == pytest.approx(4 * np.sqrt(2 / 200), rel=0.03)
+    assert float(found.uv_std.mean()) == pytest.approx(2 * np.sqrt(1.36 / 200), rel=0.03)
+    assert float((found.w_skewness_std**2).mean()) ** 0.5 == pytest.approx(np.sqrt(6 / 200), rel=0.06)
