@@ -7,7 +7,7 @@ from plenopiv.statistics import SeriesStatistics
 from plenopiv.statistics.correlated import TimeCorrelation
 from plenopiv.statistics.variables import INTERVAL
 
-SHAPE = (6, 9, 10)
+SHAPE = (6, 8, 9)
 
 
 def ar1(memory, count, seed, shape=(3, *SHAPE)):
@@ -98,7 +98,7 @@ def test_intervals_cover(memory, field_of):
     rng = np.random.default_rng(7)
     stress = np.array([[1.0, -0.4, 0.1], [-0.4, 0.6, 0.05], [0.1, 0.05, 0.4]])
     root, noise, statistics = np.linalg.cholesky(stress), 0.2, None
-    for white in ar1(memory, 120, 8):
+    for white in ar1(memory, 100, 8):
         values = 3.0 + np.einsum("ij,j...->i...", root, white) + noise * rng.normal(size=white.shape)
         field = field_of(values, noise, rng.random(SHAPE) > 0.03)
         statistics = statistics or SeriesStatistics(field)

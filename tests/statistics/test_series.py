@@ -52,13 +52,13 @@ def test_moments_are_those_of_all_samples_together(values, field_of):
 
 
 def test_uncertainties_without_correlation_are_the_scatter_over_the_root_of_n(values, field_of):
-    """By the definition: the scatter of products of fluctuations, and of what each sample adds to skewness (infinitesimal jackknife)."""
+    """By the definition: the scatter of products of fluctuations, and of what each sample adds to skewness."""
     found = collected([field_of(v) for v in values], lags=0)
     off = values - values.mean(0)
     n = len(values)
     np.testing.assert_allclose(found.u_mean_std, values[:, 0].std(0, ddof=1) / np.sqrt(n), rtol=1e-9)
     for name, (a, b) in {"uu": (0, 0), "uv": (0, 1), "uw": (0, 2), "vw": (1, 2), "ww": (2, 2)}.items():
-        np.testing.assert_allclose(found[f"{name}_std"], (off[:, a] * off[:, b]).std(0) / np.sqrt(n - 1), rtol=1e-7)
+        np.testing.assert_allclose(found[f"{name}_std"], (off[:, a] * off[:, b]).std(0) / np.sqrt(n - 3), rtol=1e-7)
     np.testing.assert_allclose(found.w_rms_std, found.ww_std / (2 * found.w_rms))
 
     def skewness(weights):

@@ -1,4 +1,4 @@
-"""Statistics of the fields of a results folder, one time in memory at once; statistics.nc."""
+"""Statistics of the fields of a results folder, a few times in memory at once; statistics.nc."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import xarray
 
 VELOCITY = "velocity.nc"
+BLOCK_BYTES = 32 << 20  # read at once: each read of a file takes some milliseconds
 STATISTICS, BY_PHASE = "statistics.nc", "phase-statistics.nc"
 
 
@@ -30,7 +31,7 @@ def velocity_file(results: str | Path) -> Path:
 
 def fields_of(results: str | Path) -> Iterator[tuple[int, int, xarray.Dataset]]:
     """(pair, number of pairs, field) of each time of a results folder's velocity.nc, or of such a file; a field has a
-    time of length one and is loaded alone.
+    time of length one. Not more than ``BLOCK_BYTES`` of them, or one, are in memory.
 
     Raises:
         PlenoPIVError: missing, damaged, or no velocity field.
@@ -58,13 +59,16 @@ def fields_of(results: str | Path) -> Iterator[tuple[int, int, xarray.Dataset]]:
         _check(path, dataset)
         wanted = [name for name in ("u", "v", "w", "u_std", "v_std", "w_std", "valid") if name in dataset]
         wanted += ["inside_body"] if "inside_body" in dataset else []
-        pairs = dataset.sizes["time"]
-        for pair in range(pairs):
+        fields, pairs = dataset[wanted].transpose(*DIMS), dataset.sizes["time"]
+        together = max(1, int(BLOCK_BYTES * pairs / max(fields.nbytes, 1)))
+        for first in range(0, pairs, together):
             try:
-                field = dataset[wanted].isel(time=[pair]).transpose(*DIMS).load()
+                block = fields.isel(time=slice(first, first + together)).load()
             except (OSError, RuntimeError, ValueError) as error:
-                raise PlenoPIVError(f"{path}: pair {pair} cannot be read ({brief(error)})") from None
-            yield pair, pairs, field
+                last = min(first + together, pairs) - 1
+                raise PlenoPIVError(f"{path}: pairs {first} to {last} cannot be read ({brief(error)})") from None
+            for k in range(block.sizes["time"]):
+                yield first + k, pairs, block.isel(time=[k])
 
 
 def statistics_of(

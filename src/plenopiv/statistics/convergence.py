@@ -57,13 +57,14 @@ class Convergence:
         of_mean = np.stack([spacing(c)[self.at] for c in range(3)])
         of_square = np.stack([spacing(c, c)[self.at] for c in range(3)])
         variance = np.where(n > 1, square * n / (n - 1), np.nan)
-        spread = np.sqrt((fourth - square**2).clip(0) * of_square / (n - 1))
+        left = np.maximum(n - 2 * of_mean - of_square, 0.25 * n)
+        spread = np.sqrt((fourth - square**2).clip(0) * of_square / left)
         rms = np.sqrt(variance)
         dims = ("running", "component", "place")
         found: dict[str, tuple[tuple[str, ...], NDArray]] = {
             "running_pairs": (("running",), np.array([k for k, _ in kept], np.int32)),
             "running_mean": (dims, mean),
-            "running_mean_std": (dims, np.sqrt(variance * np.minimum(of_mean, n) / n)),
+            "running_mean_std": (dims, np.sqrt(square * np.minimum(of_mean, n) / np.maximum(n - of_mean, 0.25 * n))),
             "running_rms": (dims, rms),
             "running_rms_std": (dims, np.where(n > 1, spread / (2 * rms), np.nan)),
         }

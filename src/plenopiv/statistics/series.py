@@ -110,7 +110,8 @@ class SeriesStatistics:
             variance, noise = moments.covariance(c, c), self._noise[c] / n
             of_variance = _std_of_mean_product(moments, spacing, c, c)
             found[f"{name}_mean"] = np.where(n > 0, moments.mean[c], np.nan)
-            found[f"{name}_mean_std"] = np.sqrt(variance * spacing(c) / n)
+            left = np.maximum(n - spacing(c), 0.25 * n)  # (n - 1)/(n - T): deviations from the mean are too small
+            found[f"{name}_mean_std"] = np.sqrt(variance * (n - 1) / left * spacing(c) / n)
             found[f"{name}_mean_std_measurement"] = np.sqrt(noise / n)
             found[f"{name}_rms"] = np.sqrt(variance)
             found[f"{name}_rms_std"] = _std_of_root(variance, of_variance)
@@ -143,9 +144,15 @@ class SeriesStatistics:
 
 
 def _std_of_mean_product(moments: Moments, spacing: Spacing, a: int, b: int) -> NDArray[np.float64]:
-    """Of u_a' u_b', whose variance is <u_a'^2 u_b'^2> - <u_a' u_b'>^2."""
+    """Of u_a' u_b', whose variance is <u_a'^2 u_b'^2> - <u_a' u_b'>^2.
+
+    From n samples and about their mean that is too small, for Gaussian ones by the factor 1 - (T_a + T_b + T_ab)/n to
+    first order, 1 - 3/n where they are independent.
+    """
     spread = moments.central((a, 2), (b, 2)) - moments.central((a, 1), (b, 1)) ** 2
-    return np.where(moments.count > 1, np.sqrt(spread.clip(0) * spacing(a, b) / (moments.count - 1.0)), np.nan)
+    n, together = moments.count, spacing(a, b)
+    left = np.maximum(n - spacing(a) - spacing(b) - together, 0.25 * n)
+    return np.where(n > 1, np.sqrt(spread.clip(0) * together / left), np.nan)
 
 
 def _std_of_root(square: NDArray[np.float64], std: NDArray[np.float64]) -> NDArray[np.float64]:

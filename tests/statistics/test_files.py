@@ -1,0 +1,142 @@
+"""``plenopiv statistics``: from velocity.nc, one time after the other, to statistics.nc and its figure."""
+
+import json
+
+import h5netcdf
+import numpy as np
+import pytest
+import xarray as xr
+
+import plenopiv
+from plenopiv.cli import main, statistics
+from plenopiv.errors import PlenoPIVError
+from plenopiv.io import series_statistics, write_velocity
+from plenopiv.report.convergence import convergence_figure
+from plenopiv.statistics import SeriesStatistics
+
+
+@pytest.fixture
+def results(tmp_path, field_of, monkeypatch):
+    """Twelve pairs, one of them set aside."""
+    monkeypatch.setattr(series_statistics, "damage", lambda path, netcdf: "")  # a child process takes 0.3 s
+    monkeypatch.setattr(statistics, "_draw", lambda found, figures: [path.touch() for path in figures])  # 1.5 s
+    rng = np.random.default_rng(0)
+    fields = [field_of(rng.normal(2.0, 0.5, (3, 2, 3, 4)), 0.1, time=1e-3 * k) for k in range(12)]
+    fields[4] = field_of(np.full((3, 2, 3, 4), np.nan), np.nan, np.zeros((2, 3, 4)), time=4e-3)
+    folder = tmp_path / "results"
+    folder.mkdir()
+    write_velocity(folder / "velocity.nc", xr.concat(fields, "time"))
+    return folder
+
+
+def test_the_file_holds_the_statistics(results, capsys):
+    assert main(["statistics", str(results)]) == 0
+    said = capsys.readouterr().out
+    assert "pairs     12, 1 of them left out" in said
+    assert "RMS at most" in said
+    assert sorted(p.name for p in results.iterdir()) == [
+        "statistics.nc", "statistics.pdf", "statistics.png", "velocity.nc"
+    ]  # fmt: skip
+    with xr.open_dataset(results / "velocity.nc", engine="h5netcdf", decode_times=False) as velocity:
+        expected = SeriesStatistics(velocity.isel(time=0))
+        for k in range(12):
+            expected.add(velocity.isel(time=[k]))
+    with xr.open_dataset(results / "statistics.nc", engine="h5netcdf") as found:
+        for name, values in expected.result().items():
+            np.testing.assert_array_equal(found[name], values)
+            assert found[name].attrs["units"] == values.attrs["units"]
+        assert found.attrs["pairs_left_out"] == 1
+    with h5netcdf.File(results / "statistics.nc") as file:
+        assert file.dimensions["x"].size == 4
+    xr.testing.assert_equal(plenopiv.statistics_of(results), expected.result())
+
+
+def test_bands_of_the_figure_are_95_percent_intervals(results):
+    found = plenopiv.statistics_of(results)
+    figure = convergence_figure(found)
+    assert [axes.get_title() for axes in figure.axes] == [
+        f"{what} of {name}" for what in ("mean", "RMS fluctuation") for name in "uvw"
+    ]
+    line, band = figure.axes[1].lines[0], figure.axes[1].collections[0]
+    np.testing.assert_array_equal(line.get_xdata(), found.running_pairs)
+    values, std = (found[f"running_mean{end}"].isel(place=0, component=1).values for end in ("", "_std"))
+    np.testing.assert_array_equal(line.get_ydata(), values)
+    at_the_end = band.get_paths()[0].vertices
+    at_the_end = at_the_end[at_the_end[:, 0] == float(found.running_pairs[-1])][:, 1]
+    assert at_the_end.max() == pytest.approx(values[-1] + 1.96 * std[-1])
+    assert at_the_end.min() == pytest.approx(values[-1] - 1.96 * std[-1])
+
+
+@pytest.mark.full
+def test_the_figure_is_drawn(results, monkeypatch):
+    monkeypatch.undo()
+    assert main(["statistics", str(results)]) == 0
+    assert (results / "statistics.png").read_bytes()[:4] == b"\x89PNG"
+    assert (results / "statistics.pdf").read_bytes()[:5] == b"%PDF-"
+    (results / "velocity.nc").write_bytes((results / "velocity.nc").read_bytes()[:3000])
+    assert main(["statistics", str(results), "--overwrite"]) == 2  # a child process tries the file first
+
+
+@pytest.mark.parametrize(("limit", "loads"), [(1, 12), (5000, 3), (1 << 20, 1)])
+def test_a_long_file_is_read_in_parts(results, monkeypatch, limit, loads):
+    """A field here is 1,200 bytes and its coordinates."""
+    whole = plenopiv.statistics_of(results / "velocity.nc")
+    monkeypatch.setattr(series_statistics, "BLOCK_BYTES", limit)
+    load, seen = xr.Dataset.load, []
+    monkeypatch.setattr(xr.Dataset, "load", lambda self: (seen.append(self.sizes["time"]), load(self))[1])
+    found = plenopiv.statistics_of(results)
+    xr.testing.assert_identical(found, whole)
+    assert len(seen) == loads
+    assert sum(seen) == 12
+    assert max(seen) == 12 // loads
+
+
+def test_phases_on_the_command_line(results, tmp_path, capsys):
+    signal = tmp_path / "signal.csv"
+    signal.write_text("pair,phase\n" + "\n".join(f"{k},{180 * (k % 2)}" for k in range(12)))
+    command = ["--json", "statistics", str(results), "--phase", str(signal), "--bins", "2"]
+    assert main(command) == 0
+    last = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert last["files"] == [str(results / "phase-statistics.nc")]
+    assert last["statistics"]["pairs"] == 12
+    with xr.open_dataset(results / "phase-statistics.nc", engine="h5netcdf") as found:
+        assert found.phase.values.tolist() == [0.0, 180.0]
+        assert found.pairs.values.tolist() == [6, 6]
+        assert found.pairs_left_out.values.tolist() == [1, 0]
+    assert main(command) == 2
+    assert "--overwrite" in capsys.readouterr().out
+    signal.write_text("pair,phase\n12,0\n")
+    assert main([*command, "--overwrite"]) == 2
+    assert "names pair 12, the series has pairs 0 to 11" in capsys.readouterr().out
+
+
+def test_one_line_for_what_cannot_be_read(results, tmp_path, capsys):
+    def said(*words):
+        assert main(["statistics", *map(str, words)]) == 2
+        line = capsys.readouterr().err
+        assert line.count("\n") == 1
+        return line
+
+    assert "velocity.nc: no such file" in said(tmp_path)
+    assert "none.nc: no such file" in said(results / "none.nc")
+    assert "ends in .nc" in said(results, "--out", results / "statistics.txt")
+    assert "cannot be read" in said(results, "--phase", tmp_path / "none.csv")
+    (tmp_path / "velocity.nc").write_bytes(b"CDF" * 100)
+    assert "is no velocity file or is damaged" in said(tmp_path)
+    assert [p.name for p in results.iterdir()] == ["velocity.nc"]
+
+
+def test_a_series_without_a_vector(results, field_of):
+    lost = field_of(np.full((3, 2, 3, 4), np.nan), np.nan, np.zeros((2, 3, 4)), time=0.0)
+    write_velocity(results / "velocity.nc", lost)
+    with pytest.raises(PlenoPIVError, match="no vector counts"):
+        plenopiv.statistics_of(results)
+
+
+def test_correlation_beyond_the_lags_is_a_warning(results, field_of, capsys, monkeypatch):
+    monkeypatch.setattr(statistics, "write_statistics", lambda path, found: None)
+    walk = np.cumsum(np.random.default_rng(1).normal(size=(20, 3, 2, 3, 4)), 0)
+    fields = [field_of(v, 0.1, time=float(k)) for k, v in enumerate(walk)]
+    write_velocity(results / "velocity.nc", xr.concat(fields, "time"))
+    assert main(["statistics", str(results), "--lags", "2", "--quiet"]) == 0
+    assert "outlasts 2 pairs" in capsys.readouterr().err
