@@ -133,7 +133,7 @@ def write_page():
         rows.append(f"| {name} | {case['fields']} | {times} | {' | '.join(cells)} |")
     of_neighbours = json.loads((here / "neighbours.json").read_text())["settings"]
     other = [
-        "| windows | r(1), r(2) computed | measured x, y, z | derivatives within 1, 2 std (%) | vorticity | divergence |",
+        "| windows | r(1), r(2) computed | measured x; y; z | derivatives in 1, 2 std, % | vorticity | divergence |",
         "|---|---|---|---|---|---|",
     ]
     for name, case in of_neighbours.items():
