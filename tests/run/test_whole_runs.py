@@ -4,7 +4,6 @@ import re
 import shutil
 import sys
 
-import h5py
 import numpy as np
 import pytest
 import tifffile
@@ -15,6 +14,7 @@ import plenopiv
 from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
+from plenopiv.io.volumes import read_volume
 
 VOXEL_M_S = np.array([0.0171428571, 0.0171428571, 0.077]) * 1e-3 / 0.0005
 
@@ -46,10 +46,9 @@ def test_signs_and_units_from_particle_to_velocity(recorded, upright, tmp_path, 
 
 def test_volumes_of_all_frames_where_asked(upright, finished):
     for name in ("a", "b"):
-        with h5py.File(upright.directory / f"volume-{name}.vtkhdf") as file:
-            volume = file["VTKHDF/PointData/intensity"][:]
+        volume = read_volume(upright.directory / f"volume-{name}.h5")
         kept = upright.summary["reconstruction"][f"{name}.tif"]["voxels_kept"]
-        assert np.count_nonzero(volume) == kept > 0
+        assert np.count_nonzero(volume.values) == volume.column.size == kept > 0
     assert not list(finished.experiment.output_directory.glob("volume-*"))
 
 
