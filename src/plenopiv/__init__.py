@@ -16,13 +16,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0.dev0"
-__all__ = ["PlenoPIVError", "PlenoPIVWarning", "load", "process", "statistics_of"]
+__all__ = ["PlenoPIVError", "PlenoPIVWarning", "compare", "load", "process", "statistics_of"]
 
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 
 if TYPE_CHECKING:
     import xarray
 
+    from plenopiv.comparison import Comparison
     from plenopiv.experiment import Experiment
     from plenopiv.run.series import RunResult
 
@@ -39,6 +40,13 @@ def process(experiment: Experiment, **options: Any) -> RunResult:
     from plenopiv.run.series import run as run_series
 
     return run_series(experiment, **options)
+
+
+def compare(a: str, b: str) -> Comparison:
+    """Two results side by side, each a results folder or a velocity.nc; see ``plenopiv.run.compared.compare``."""
+    from plenopiv.run.compared import compare as compare_results
+
+    return compare_results(a, b)
 
 
 def statistics_of(results: str, **options: Any) -> xarray.Dataset:

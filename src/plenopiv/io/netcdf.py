@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,6 +42,17 @@ def read_velocity(path: str | Path) -> xarray.Dataset:
         PlenoPIVError: missing, damaged, or without numbers u, v, w and valid on (time, z, y, x), or without finite,
             rising coordinates of these.
     """
+    with opened_velocity(path) as dataset:
+        return loaded(path, dataset)
+
+
+@contextmanager
+def opened_velocity(path: str | Path) -> Iterator[xarray.Dataset]:
+    """The velocity field of a file, which stays open; values are read where they are asked for, with ``loaded``.
+
+    Raises:
+        PlenoPIVError: as ``read_velocity``.
+    """
     import xarray
 
     path = Path(path)
@@ -54,25 +67,43 @@ def read_velocity(path: str | Path) -> xarray.Dataset:
             raise ValueError(wrong)
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")  # of attributes that are not ours
-            with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
-                loaded = dataset.load()
-        if wrong := contradiction(loaded.variables):
+            dataset = xarray.open_dataset(path, engine="h5netcdf", decode_times=False, cache=False)
+    except Exception as error:
+        raise _damaged(path, error) from None
+    with dataset:
+        _check(path, dataset)
+        yield dataset
+
+
+def loaded(path: str | Path, dataset: xarray.Dataset) -> xarray.Dataset:
+    """A dataset, or the part of one, of the open file ``path`` in memory.
+
+    Raises:
+        PlenoPIVError: the file is damaged there.
+    """
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            values = dataset.load()
+        if wrong := contradiction(values.variables):
             raise ValueError(wrong)
-    except Exception as error:  # HDF5, netCDF and decoding each fail in their own way
-        raise PlenoPIVError(
-            f"{path}: is no velocity file or is damaged ({' '.join(str(error).split())[:100]})"
-        ) from None
-    _check(path, loaded)
-    return loaded
+    except Exception as error:
+        raise _damaged(path, error) from None
+    return values
 
 
-def _check(path: Path, loaded: xarray.Dataset) -> None:
+def _damaged(path: str | Path, error: Exception) -> PlenoPIVError:
+    """HDF5, netCDF and decoding each fail in their own way."""
+    return PlenoPIVError(f"{path}: is no velocity file or is damaged ({' '.join(str(error).split())[:100]})")
+
+
+def _check(path: Path, dataset: xarray.Dataset) -> None:
     """Raise PlenoPIVError for a dataset that is no velocity field."""
-    missing = [name for name in REQUIRED if name not in loaded]
+    missing = [name for name in REQUIRED if name not in dataset]
     if missing:
         raise PlenoPIVError(f"{path}: has no {', '.join(missing)}, so it is no velocity field of plenopiv")
     for name in REQUIRED:
-        variable = loaded[name]
+        variable = dataset[name]
         if variable.dims != DIMS:
             raise PlenoPIVError(f"{path}: {name} has dimensions {variable.dims}, wanted {DIMS}")
         if variable.dtype.kind not in "biuf":
@@ -80,8 +111,8 @@ def _check(path: Path, loaded: xarray.Dataset) -> None:
         if not variable.size:
             raise PlenoPIVError(f"{path}: {name} holds no vectors {variable.shape}")
     for axis in DIMS:
-        if axis not in loaded.coords or loaded[axis].dims != (axis,) or loaded[axis].dtype.kind not in "iuf":
+        if axis not in dataset.coords or dataset[axis].dims != (axis,) or dataset[axis].dtype.kind not in "iuf":
             raise PlenoPIVError(f"{path}: has no coordinate {axis} of numbers, so it is no velocity field of plenopiv")
-        values = loaded[axis].values.astype(float)
+        values = dataset[axis].values.astype(float)
         if not np.isfinite(values).all() or (axis != "time" and (np.diff(values) <= 0).any()):
             raise PlenoPIVError(f"{path}: its coordinate {axis} is not finite and rising; the file is damaged")

@@ -1,4 +1,4 @@
-"""Commands about a series of pairs, and their help; as in ``app``, bodies are imported when they are called."""
+"""Commands on what runs have left: more of ``cli.app``, which they join when ``plenopiv.cli`` is imported."""
 
 from __future__ import annotations
 
@@ -8,6 +8,31 @@ from typing import Annotated
 import typer
 
 from plenopiv.cli.app import Overwrite, _finish, app
+
+
+@app.command()
+def compare(
+    a: Annotated[Path, typer.Argument(metavar="A", help="A results folder, or its velocity.nc.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="Another one.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The page to write; default: compare.html beside A.")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Two results side by side: how far their vectors differ, and in which settings.
+
+    Differences B - A are in m/s, in voxels of A, and in standard deviations as both results state them, by component
+    and thirds of the depth. Pairs are matched by their time; where the vectors lie elsewhere, B is interpolated
+    linearly at A's. A page with slices and histograms is written.
+
+    \b
+    Example:
+        plenopiv compare run7/results run7/results-wide
+        plenopiv compare monday/velocity.nc tuesday/velocity.nc --out days.html
+    """
+    from plenopiv.cli.compare import compare
+
+    _finish("compare", compare(a, b, out, overwrite))
 
 
 @app.command()
