@@ -15,6 +15,7 @@ from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.io.volumes import read_volume
+from plenopiv.run.calibrated import calibrated_chain
 
 VOXEL_M_S = np.array([0.0171428571, 0.0171428571, 0.077]) * 1e-3 / 0.0005
 
@@ -50,6 +51,16 @@ def test_volumes_of_all_frames_where_asked(upright, finished):
         kept = upright.summary["reconstruction"][f"{name}.tif"]["voxels_kept"]
         assert np.count_nonzero(volume.values) == volume.column.size == kept > 0
     assert not list(finished.experiment.output_directory.glob("volume-*"))
+
+
+def test_kept_volumes_give_the_same_vectors_bit_for_bit(upright):
+    """With the camera calibrated anew, from the experiment file in the results folder."""
+    experiment = Experiment.load(upright.directory / "experiment.toml")
+    chain, recording, _ = calibrated_chain(experiment, experiment.recording())
+    a, b = (read_volume(upright.directory / f"volume-{name}.h5") for name in "ab")
+    again = chain.velocity(a, b, recording.dt_s, recording.mid_time_s(0))
+    for name, values in again.data_vars.items():
+        assert values.values.tobytes() == upright.velocity[name].values.tobytes(), name
 
 
 def test_the_results_folder(finished, capsys):
