@@ -39,7 +39,7 @@ class Manifest:
             return None
         out = cls()
         lines = text.splitlines()
-        expected = max(len(lines), 2)
+        expected = 0
         for one in lines:
             content = whole(one)
             if content is None:
@@ -51,7 +51,7 @@ class Manifest:
             elif "file" in content:
                 out.files[str(content["file"])] = str(content["sha256"])
         found = len(out.pairs) + len(out.files)
-        out.damaged = expected - found - 1 if out.inputs is not None else expected - found
+        out.damaged = expected - found - 1 if out.inputs is not None else max(len(lines) - found, 1)
         return out
 
     def text(self) -> str:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 REQUIRED = ("u", "v", "w", "valid")
 DIMS = ("time", "z", "y", "x")
+COMPRESSED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 
 
 def write_velocity(path: str | Path, dataset: xarray.Dataset) -> None:
@@ -29,8 +30,11 @@ def write_velocity(path: str | Path, dataset: xarray.Dataset) -> None:
     Raises:
         PlenoPIVError: the folder cannot be written, or the disk is full; nothing is left behind.
     """
-    compressed = {"zlib": True, "complevel": 4, "shuffle": True}
-    encoding = {name: compressed for name, variable in dataset.data_vars.items() if variable.ndim > 0}
+    encoding = {
+        name: {**COMPRESSED, "chunksizes": (1, *variable.shape[1:])}
+        for name, variable in dataset.data_vars.items()
+        if variable.ndim > 0
+    }
     with written_aside(path) as aside:
         dataset.to_netcdf(aside, engine="h5netcdf", encoding=encoding)
 

@@ -1,7 +1,8 @@
-"""velocity.nc of a series: an HDF5 virtual data set over one file a pair, which any reader of HDF5 opens as one.
+"""velocity.nc of a series, put together from the files of its pairs as they are on disk, one after the other.
 
-The files of the pairs lie in ``pairs/`` beside it and are named by relative paths: move or copy the folder as a whole.
-A pair without a file is NaN, and its integers (``valid``) are 0.
+A pair without a file is NaN, and its integers (``valid``) are 0. The file holds all fields itself: a virtual data set
+over the files of the pairs would take no space, but HDF5 opens all of them to read a variable, and gives fill values
+without a word for those beyond the system's limit of open files.
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from plenopiv.errors import PlenoPIVError
 from plenopiv.io.aside import written_aside
+from plenopiv.io.netcdf import COMPRESSED, DIMS
 
 if TYPE_CHECKING:
     import xarray
-
-DIMS = ("time", "z", "y", "x")
 
 
 def pair_file(number: int) -> str:
@@ -26,55 +27,54 @@ def pair_file(number: int) -> str:
 
 
 def write_series(
-    path: Path, like: xarray.Dataset, times_s: Sequence[float], files: Mapping[int, str], attributes: Mapping[str, Any]
+    path: Path, like: xarray.Dataset, times_s: Sequence[float], files: Mapping[int, Path], attributes: Mapping[str, Any]
 ) -> None:
-    """Write ``path`` over ``files`` by the number of their pair, relative to its folder; they need not be there yet.
+    """Write ``path`` from the ``files`` of pairs by their number; one field is in memory at a time.
 
     ``like``: the field of one of the pairs, all others have its grid and variables. ``times_s``: of all pairs.
 
     Raises:
-        PlenoPIVError: the file cannot be written.
+        PlenoPIVError: the file cannot be written, or that of a pair not be read.
     """
     import h5netcdf
     import h5py
 
-    sizes = {"time": len(times_s), **{axis: like.sizes[axis] for axis in DIMS[1:]}}
+    shape = tuple(like.sizes[axis] for axis in DIMS[1:])
+    fields = [name for name, variable in like.data_vars.items() if variable.ndim == len(DIMS)]
     with written_aside(path) as aside:
         with h5netcdf.File(aside, "w") as file:
-            file.dimensions = sizes
+            file.dimensions = {"time": len(times_s), **dict(zip(DIMS[1:], shape, strict=True))}
             file.attrs.update(dict(like.attrs) | dict(attributes))
-            for name in DIMS:
-                values = np.asarray(times_s, float) if name == "time" else like[name].values
-                axis = file.create_variable(name, (name,), values.dtype, values)
-                axis.attrs.update(like[name].attrs)
+            for axis in DIMS:
+                values = np.asarray(times_s, float) if axis == "time" else like[axis].values
+                made = file.create_variable(axis, (axis,), values.dtype, values)
+                made.attrs.update(like[axis].attrs)
+            for name in fields:
+                kind = like[name].dtype
+                filled = {"fillvalue": kind.type(np.nan)} if kind.kind == "f" else {}  # else HDF5's own, which is 0
+                made = file.create_variable(str(name), DIMS, kind, chunks=(1, *shape), **filled, **COMPRESSED)
+                made.attrs.update({key: value for key, value in like[name].attrs.items() if key != "_FillValue"})
         with h5py.File(aside, "r+") as file:
-            for variable_name, variable in like.data_vars.items():
-                _virtual(file, str(variable_name), variable, tuple(sizes.values()), files)
+            for number in sorted(files):
+                _copy(files[number], file, [str(name) for name in fields], number)
 
 
-def _virtual(
-    file: Any, name: str, variable: xarray.DataArray, shape: tuple[int, ...], files: Mapping[int, str]
-) -> None:
-    """A virtual data set (time, z, y, x) of the first time in each of ``files``, without a date in it."""
-    from h5py import Dataset, h5d, h5p, h5s, h5t  # h5py's own function for it dates the file
+def _copy(path: Path, into: Any, names: Sequence[str], number: int) -> None:
+    """Copy the fields of a pair, compressed as they are where both files have them in one piece."""
+    import h5py
 
-    one = (1, *shape[1:])
-    made = h5p.create(h5p.DATASET_CREATE)
-    made.set_obj_track_times(False)
-    real = variable.dtype.kind == "f"
-    made.set_fill_value(np.array(np.nan if real else 0, variable.dtype))
-    whole, source = h5s.create_simple(shape), h5s.create_simple(one)
-    for number in sorted(files):
-        whole.select_hyperslab((number, 0, 0, 0), one)
-        made.set_virtual(whole, files[number].encode(), name.encode(), source)
-    kind = h5t.py_create(variable.dtype, logical=True)
-    data = Dataset(h5d.create(file.id, name.encode(), kind, h5s.create_simple(shape), made))
-    if real:
-        data.attrs["_FillValue"] = np.array([np.nan], variable.dtype)
-    for key, value in variable.attrs.items():
-        data.attrs[key] = value
-    for axis, dimension in enumerate(DIMS):
-        data.dims[axis].attach_scale(file[dimension])
+    try:
+        with h5py.File(path, "r") as file:
+            for name in names:
+                source, out = file[name], into[name]
+                piece = source.chunks == out.chunks and source.dtype == out.dtype
+                if piece and [source.compression, source.shuffle] == [out.compression, out.shuffle]:
+                    mask, content = source.id.read_direct_chunk((0, 0, 0, 0))
+                    out.id.write_direct_chunk((number, 0, 0, 0), content, mask)
+                else:
+                    out[number] = source[0]
+    except (OSError, KeyError, ValueError, RuntimeError) as error:
+        raise PlenoPIVError(f"{path}: cannot be read ({' '.join(str(error).split())[:100]})") from None
 
 
 def open_series(path: Path) -> xarray.Dataset:

@@ -196,8 +196,8 @@ class SeriesFolder:
             self.words.append(f"{self.directory / manifests.NAME}: {many} line{'s'[: many > 1]} damaged or gone")
         if self._results:
             files = self._results.files.items()
-            broken = [self.directory / name for name, digest in files if not is_whole(self.directory / name, digest)]
-            self.words += [f"{path}: {_wrong(path)}; it is made again" for path in broken]
+            paths = [self.directory / name for name, digest in files if not is_whole(self.directory / name, digest)]
+            self.words += [f"{path}: {_wrong(path)}; it is made again" for path in paths]
         for path in sorted((self.work / "pairs").glob("*.json")):
             record = manifests.whole(path.read_text(encoding="utf-8", errors="replace").strip())
             if record is None:

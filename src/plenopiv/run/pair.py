@@ -15,7 +15,7 @@ from plenopiv.chain import Chain
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io.netcdf import write_velocity
 from plenopiv.io.series_file import pair_file
-from plenopiv.io.vtkhdf import write_volume_vtkhdf
+from plenopiv.io.volumes import write_volume
 from plenopiv.recording import Recording
 from plenopiv.run.frame import Frame, LostFrame, Progress, caught_warnings, reconstructed
 from plenopiv.run.judged import PairJudge
@@ -115,14 +115,22 @@ class Job:
         return [frame for frame in frames if all(frame.number not in pair for pair in self.recording.pairs[:number])]
 
     def _volume(self, frame: Frame) -> str:
-        name = f"volume-{frame.source.stem}.vtkhdf"
-        write_volume_vtkhdf(self._path(name), frame.found.volume)
+        name = volume_file(self.recording, frame.number)
+        write_volume(self._path(name), frame.found.volume)
         return name
 
     def _path(self, name: str) -> Path:
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
+
+
+def volume_file(recording: Recording, number: int) -> str:
+    """Name of the file of a frame's volume in the results folder; with its number where other frames are called the
+    same."""
+    stem = recording.frames[number].stem
+    alone = sum(source.stem == stem for source in recording.frames) == 1
+    return f"volume-{stem}.h5" if alone else f"volume-{stem}-{number}.h5"
 
 
 def numbers_of(velocity: xarray.Dataset, voxel_mm: tuple[float, float, float], dt_s: float) -> dict[str, Any]:

@@ -106,7 +106,8 @@ def write_results(
     names = ["experiment.toml", "report.html", "summary.json"]
     if len(records) > 1:
         times = [recording.mid_time_s(record["pair"]) for record in records]
-        write_series(folder.path("velocity.nc"), shown, times, files, {"quality": summary["quality"]})
+        there = {number: folder.there(name) for number, name in files.items()}
+        write_series(folder.path("velocity.nc"), shown, times, there, {"quality": summary["quality"]})
         names.append("velocity.nc")
     with clock("report"):
         folder.write_text("experiment.toml", experiment.dump_toml(experiment.output_directory))
