@@ -31,7 +31,7 @@ from scores import BIAS_AIM, RMS_AIM, Row, row, shift_table, three, wave_table
 from volumes import BRIGHTNESS_SPREAD, PARTICLES_A_WINDOW, SIGMA, WINDOW, Flow, Shape, particle_pair
 
 from plenopiv.accuracy.velocity import GROSS_VOXELS
-from plenopiv.displacement.multigrid import compressed, first_pass, measure
+from plenopiv.displacement.multigrid import OnePair, compressed, first_pass, measure
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.windows import window_grid
 from plenopiv.errors import PlenoPIVWarning
@@ -64,7 +64,7 @@ def single_pass(pair: Pair) -> Measured:
     windows = window_grid(a.grid.shape, (WINDOW,) * 3, SETTINGS.overlap)
     begin = time.process_time()
     a, b = (compressed(volume, SETTINGS.intensity_exponent) for volume in (a, b))
-    result = first_pass(a, b, windows, SETTINGS)
+    result = first_pass(OnePair(a, b), windows, SETTINGS)
     seconds = time.process_time() - begin
     return {"PlenoPIV, one pass": np.where(result.found, result.displacement, np.nan)}, seconds
 

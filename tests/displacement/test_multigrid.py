@@ -6,10 +6,11 @@ import numba
 import numpy as np
 import pytest
 
-from plenopiv.displacement import multigrid
-from plenopiv.displacement.multigrid import correlation_pass, measure, window_cuts
+from plenopiv.displacement import window_pass
+from plenopiv.displacement.multigrid import correlation_pass, measure
 from plenopiv.displacement.predictor import fit_spline
 from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.window_pass import window_cuts
 from plenopiv.displacement.windows import window_grid
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.volume import DenseVolume, SparseVolume, VoxelGrid
@@ -91,7 +92,7 @@ def test_cuts_halve_the_error_at_the_faces(particle_pair, uniform_flow, monkeypa
         return np.sqrt((error**2).mean()), -error.mean()
 
     noise, pull = noise_and_pull()
-    monkeypatch.setattr(multigrid, "window_cuts", lambda windows, *_: np.zeros((*windows.shape, 3, 2)))
+    monkeypatch.setattr(window_pass, "window_cuts", lambda windows, *_: np.zeros((*windows.shape, 3, 2)))
     noise_without, pull_without = noise_and_pull()
     assert noise < 0.6 * noise_without
     assert abs(pull) < 0.5 * pull_without

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from plenopiv.displacement.offset import correlations, discrete_offset
+from plenopiv.displacement.offset import discrete_offset
+from plenopiv.displacement.offset_kernels import correlations
 from plenopiv.displacement.windows import window_grid
 from plenopiv.volume import SparseVolume
 

@@ -7,7 +7,7 @@ spectra.py      kernels: windows weighted, transformed, whitened, multiplied, an
 agreement.py    weights of the places where two deformed windows show the same particles
 correlation.py  one batch of windows: FFT, and its normalisation by overlap
 peaks.py        the peak and its sub-voxel position
-offset.py       after the first pass: discrete window offset
+offset.py       after the first pass: discrete window offset; offset_kernels.py its kernels
 predictor.py    displacement between the vectors; the filter between passes
 splines.py      sixteen samples of a volume at once, by cubic B-splines
 deformation.py  both volumes sampled half a displacement apart
@@ -16,6 +16,7 @@ solid.py        windows in a solid body, which are not measured
 sub_windows.py  sub-window averaging: vectors as means over smaller windows
 noise_amplification.py  noise of the vectors over that of one correlation, after iteration and averaging
 uncertainty.py  standard deviation of every vector
-multigrid.py    one pass, and the loop over passes
+window_pass.py  one pass over the windows, batch by batch
+multigrid.py    one pass of a pair, and the loop over passes
 field.py        the result
 """

@@ -84,10 +84,7 @@ class WindowCorrelator:
         ``agreement`` (batch, nz, ny, nx): a further factor of w (``displacement.agreement``). It moves with the
         particles, not with the window, so C leaves it out.
         """
-        each = [self._whole]
-        if cuts is not None and cuts.any():
-            each = [self._fades_and_gain(c) if c.any() else self._whole for c in cuts]
-        z, y, x, gain = (np.stack(v) for v in zip(*each, strict=True))
+        z, y, x, gain = (np.stack(v) for v in zip(*self._each(cuts), strict=True))
         count = a.begin.size
         pairs, lit = (
             np.empty((count, 2 * self.around[0] * self.around[2] * self._high), np.float32),
@@ -103,6 +100,16 @@ class WindowCorrelator:
         about = self._plans, self._high, self._filters, np.float32(self.whitening)
         correlate(spectra.pairs, *about, self._radius, self._turns, out)
         return out
+
+    def gain(self, cuts: NDArray[np.float64] | None) -> NDArray[np.float32]:
+        """``Spectra.gain`` of windows with these ``cuts``."""
+        return np.stack([gain for *_, gain in self._each(cuts)])
+
+    def _each(self, cuts: NDArray[np.float64] | None) -> list[tuple[NDArray[np.float32], ...]]:
+        """``_fades_and_gain`` of each window, or one for all where none is cut."""
+        if cuts is None or not cuts.any():
+            return [self._whole]
+        return [self._fades_and_gain(c) if c.any() else self._whole for c in cuts]
 
     def _fades_and_gain(self, cuts: NDArray[np.float64]) -> tuple[NDArray[np.float32], ...]:
         """The factors of w along z, y and x of a window shorter by ``cuts`` (3, 2), and 1 / prod C (2 rz + 3, ...)."""

@@ -3,47 +3,75 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
+from typing import Protocol
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.displacement.agreement import agreement
-from plenopiv.displacement.deformation import SPLINE_VARIANCE, DeformedPlanes
+from plenopiv.displacement.correlation import Spectra
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.offset import discrete_offset
-from plenopiv.displacement.peaks import find_peaks
 from plenopiv.displacement.predictor import SplineField, fit_spline, smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.solid import Solid
 from plenopiv.displacement.sub_windows import average_sub_windows
-from plenopiv.displacement.uncertainty import ScatterCorrelator, standard_deviation
+from plenopiv.displacement.uncertainty import standard_deviation
 from plenopiv.displacement.validation import find_outliers, replace_invalid
-from plenopiv.displacement.windows import WindowBatch, WindowGrid, window_grid
+from plenopiv.displacement.window_pass import PassResult, PassVectors, StepDone, WindowPass
+from plenopiv.displacement.windows import WindowGrid, window_grid
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.volume import Volume
-
-_BATCH_VOXELS = 1 << 18  # windows of a batch and their spectra stay in a core's cache
 
 Progress = Callable[[str, int, int], None]
 
 
+class Pairs(Protocol):
+    """What the passes correlate: one pair of volumes, or many whose correlations are summed."""
+
+    def correlated(
+        self,
+        windows: WindowGrid,
+        predictor: SplineField | None,
+        settings: CorrelationSettings,
+        search: float,
+        step_done: StepDone | None = None,
+        scatter: bool = False,
+    ) -> PassResult:
+        """As ``correlation_pass``."""
+
+    def offset(
+        self, windows: WindowGrid, first: NDArray[np.float64], progress: Progress | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """As ``discrete_offset``."""
+
+
 @dataclass(frozen=True)
-class PassResult:
-    """What one pass measured: ``displacement`` (3, nz, ny, nx) voxels, ``found`` and ``peak_ratio`` (nz, ny, nx).
+class OnePair:
+    """Two volumes."""
 
-    ``variance`` (3, nz, ny, nx), voxel^2: scatter of the particles of a window about its peak; None unless ``scatter``.
-    """
+    a: Volume
+    b: Volume
 
-    displacement: NDArray[np.float64]
-    found: NDArray[np.bool_]
-    peak_ratio: NDArray[np.float32]
-    variance: NDArray[np.float64] | None = None
+    def correlated(
+        self,
+        windows: WindowGrid,
+        predictor: SplineField | None,
+        settings: CorrelationSettings,
+        search: float,
+        step_done: StepDone | None = None,
+        scatter: bool = False,
+    ) -> PassResult:
+        """See ``correlation_pass``."""
+        return correlation_pass(self.a, self.b, windows, predictor, settings, search, step_done, scatter)
+
+    def offset(
+        self, windows: WindowGrid, first: NDArray[np.float64], progress: Progress | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """See ``discrete_offset``."""
+        return discrete_offset(self.a, self.b, windows, first)
 
 
 def correlation_pass(
@@ -53,7 +81,7 @@ def correlation_pass(
     predictor: SplineField | None,
     settings: CorrelationSettings,
     search: float,
-    step_done: Callable[[int, int], None] | None = None,
+    step_done: StepDone | None = None,
     scatter: bool = False,
 ) -> PassResult:
     """Correlate all windows of two volumes once.
@@ -64,99 +92,42 @@ def correlation_pass(
     the variance as well, at about twice the cost. One layer of windows, and what the next one adds to it, is in memory
     at a time; results do not depend on the number of threads (Numba's, ``NUMBA_NUM_THREADS``).
     """
-    size = windows.size
-    radius = tuple(max(1, min(round(search * n), n // 2 - 2)) for n in size)
-    done = 0.0 if predictor is None else SPLINE_VARIANCE
-    variance = max(settings.smoothing_voxels**2 - done, 0.0)
-    correlator = ScatterCorrelator(size, radius, variance, settings.whitening, settings.taper_voxels)  # type: ignore[arg-type]
-    nz, ny, nx = windows.shape
-    found = np.zeros((nz, ny * nx), bool)
-    ratio = np.zeros((nz, ny * nx), np.float32)
-    moved = np.zeros((nz, ny * nx, 3))
-    spread = np.zeros_like(moved)
-    corners = np.array(list(product(windows.starts[1].tolist(), windows.starts[2].tolist())))
-    batch = max(1, _BATCH_VOXELS // int(np.prod(size)))
-    power = settings.agreement
-    cuts = None if predictor is None else window_cuts(windows, predictor, a.grid.shape).reshape(nz, ny * nx, 3, 2)
-    sources = (a, b) if predictor is None else (DeformedPlanes(a, predictor, -0.5), DeformedPlanes(b, predictor, 0.5))
+    batches = WindowPass(windows, predictor, settings, search, a.grid.shape)
+    vectors = PassVectors(windows)
+    spread = np.zeros_like(vectors.moved)
 
-    with ThreadPoolExecutor(numba.get_num_threads()) as pool, ThreadPoolExecutor(1) as ahead:
-        layers = zip(*(_layers(source, windows, ahead) for source in sources), strict=True)
-        for layer, (planes_a, planes_b) in enumerate(layers):
+    def work(layer: int, part: slice, spectra: Spectra) -> None:
+        correlation = batches.correlator.correlation(spectra)
+        place, untilt = vectors.fit(layer, part, correlation, spectra.gain, spectra.lit)
+        if scatter:
+            spread[layer, part] = batches.correlator.variance(spectra, place, untilt)
 
-            def work(lo: int, layer: int = layer, pa: NDArray = planes_a, pb: NDArray = planes_b) -> None:
-                part = slice(lo, min(lo + batch, len(corners)))
-                first, second = (WindowBatch.cut(planes, corners[part]) for planes in (pa, pb))
-                if cuts is None:
-                    spectra = correlator.spectra(first, second)
-                else:
-                    weights = None
-                    if power:
-                        held = ([p[:, j : j + size[1], i : i + size[2]] for j, i in corners[part]] for p in (pa, pb))
-                        weights = agreement(*map(np.stack, held)) ** np.float32(power)
-                    spectra = correlator.spectra(first, second, cuts[layer, part], weights)
-                correlation = correlator.correlation(spectra)
-                place, untilt = np.empty((len(spectra.lit), 3), np.int64), np.empty((len(spectra.lit), 3, 3))
-                into = moved[layer, part], ratio[layer, part], found[layer, part]
-                find_peaks(correlation, spectra.gain, *into, place, untilt)
-                found[layer, part] &= spectra.lit
-                moved[layer, part][~spectra.lit] = 0.0
-                if scatter:
-                    spread[layer, part] = correlator.variance(spectra, place, untilt)
-                ratio[layer, part][~spectra.lit] = 0.0
-
-            list(pool.map(work, range(0, len(corners), batch)))
-            if step_done is not None:
-                step_done(layer + 1, nz)
-    displacement, scattered = (np.moveaxis(v.reshape(nz, ny, nx, 3), -1, 0) for v in (moved, spread))
-    if predictor is not None:
-        displacement = displacement + predictor.at(*windows.centres)
-    shape = (nz, ny, nx)
-    return PassResult(displacement, found.reshape(shape), ratio.reshape(shape), scattered if scatter else None)
+    batches.each_batch(a, b, work, step_done=step_done)
+    return vectors.result(predictor, spread if scatter else None)
 
 
 def first_pass(
-    a: Volume,
-    b: Volume,
+    pairs: Pairs,
     windows: WindowGrid,
     settings: CorrelationSettings,
-    step_done: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
+    step_done: StepDone | None = None,
     scatter: bool = False,
     closed: NDArray[np.bool_] | None = None,
 ) -> PassResult:
-    """Correlate all windows of two volumes as they are, validate, and measure each vector again by discrete window
-    offset (``discrete_offset``).
+    """Correlate all windows as they are, validate, and measure each vector again by discrete window offset
+    (``discrete_offset``).
 
     Arguments as for ``correlation_pass``, ``closed`` for ``_validated``; peak ratio and variance are those before the
     offset.
     """
-    result = correlation_pass(a, b, windows, None, settings, settings.search, step_done, scatter)
+    result = pairs.correlated(windows, None, settings, settings.search, step_done, scatter)
     valid, displacement = _validated(result, settings, closed)
-    again, found = discrete_offset(a, b, windows, displacement)
+    again, found = pairs.offset(windows, displacement, progress)
     # what is not found again stays as the transforms had it; a vector that was not valid has no second peak
     displacement = np.where(found | valid, again, result.displacement)
     ratio = np.where(found & ~valid, np.float32(0.0), result.peak_ratio)
     return replace(result, displacement=displacement, found=valid | found, peak_ratio=ratio)
-
-
-def window_cuts(windows: WindowGrid, predictor: SplineField, shape: tuple[int, int, int]) -> NDArray[np.float64]:
-    """Voxels (nz, ny, nx, 3, 2) that windows lose at their low and high ends along z, y, x.
-
-    Samples at x -+ d/2 both come from a volume of ``shape`` where x stays |d|/2 away from its faces. d is taken where
-    the window ends, the largest of nine points; at most a quarter of a window is cut.
-    """
-    places = []
-    for start, n in zip(windows.starts, windows.size, strict=True):
-        places.append((start[:, None] + np.array([0, n // 2, n - 1])).ravel())
-    nz, ny, nx = windows.shape
-    half = np.abs(predictor.at(*places)).reshape(3, nz, 3, ny, 3, nx, 3).transpose(0, 1, 3, 5, 2, 4, 6) / 2
-    out = np.zeros((nz, ny, nx, 3, 2))
-    for axis, (start, n, total) in enumerate(zip(windows.starts, windows.size, shape, strict=True)):
-        ends = np.moveaxis(half[2 - axis], 3 + axis, 0)
-        for side, (end, gap) in enumerate(((ends[0], start), (ends[2], total - n - start))):
-            gap = gap.reshape([-1 if k == axis else 1 for k in range(3)])
-            out[..., axis, side] = np.clip(end.max((-2, -1)) - gap, 0.0, n / 4)
-    return out
 
 
 def compressed(volume: Volume, exponent: float) -> Volume:
@@ -165,27 +136,6 @@ def compressed(volume: Volume, exponent: float) -> Volume:
         return volume
     values = np.maximum(volume.values, np.float32(0.0))
     return volume.with_values(np.sqrt(values) if exponent == 0.5 else values ** np.float32(exponent))
-
-
-def _layers(
-    source: Volume | DeformedPlanes, windows: WindowGrid, ahead: ThreadPoolExecutor
-) -> Iterator[NDArray[np.float32]]:
-    """The planes of each layer of windows in turn. Planes that two layers share are made once; ``ahead``, which has one
-    thread, makes the other planes of the next layer while one is correlated."""
-    depth, step = windows.size[0], windows.step[0]
-    starts = windows.starts[0].tolist()
-    first, kept = source.slab(starts[0], starts[0] + min(step, depth)), max(depth - step, 0)
-    planes = np.empty((depth, *first.shape[1:]), np.float32)
-    planes[: len(first)] = first
-    del first
-    for made in range(step, depth, step):
-        planes[made : made + step] = source.slab(starts[0] + made, starts[0] + min(made + step, depth))
-    for start in starts[1:]:
-        coming = ahead.submit(source.slab, start + kept, start + depth)
-        yield planes
-        planes[:kept] = planes[depth - kept :].copy()
-        planes[kept:] = coming.result()
-    yield planes
 
 
 def measure(
@@ -207,20 +157,30 @@ def measure(
         raise PlenoPIVError(
             f"correlation: the volumes differ in grid: {a.grid} and {b.grid}; reconstruct both on the same one"
         )
-    shape = a.grid.shape
+    a, b = (compressed(volume, settings.intensity_exponent) for volume in (a, b))
+    return multi_grid(OnePair(a, b), a.grid.shape, settings, progress, solid)
+
+
+def multi_grid(
+    pairs: Pairs,
+    shape: tuple[int, int, int],
+    settings: CorrelationSettings,
+    progress: Progress | None = None,
+    solid: Solid | None = None,
+) -> DisplacementField:
+    """The passes of ``measure`` over ``pairs`` of volumes of ``shape`` voxels, their intensities compressed."""
     passes = settings.passes
     plan = [window_grid(shape, *each) for each in passes]
-    a, b = (compressed(volume, settings.intensity_exponent) for volume in (a, b))
     predictor: SplineField | None = None
     for number, windows in enumerate(plan, 1):
         report = None if progress is None else partial(progress, f"correlation pass {number} of {len(plan)}")
         closed = None if solid is None else solid.filled(windows, settings.windows[-1])
         scatter = number == len(plan)
         if predictor is None:
-            result = first_pass(a, b, windows, settings, report, scatter, closed)
+            result = first_pass(pairs, windows, settings, progress, report, scatter, closed)
         else:
             search = settings.residual_search if number > len(plan) - settings.fine_passes else settings.search
-            result = correlation_pass(a, b, windows, predictor, settings, search, report, scatter)
+            result = pairs.correlated(windows, predictor, settings, search, report, scatter)
         valid, displacement = _validated(result, settings, closed)
         if number < len(plan):
             smooth = displacement
@@ -259,5 +219,5 @@ def _warn_if_far(displacement: NDArray, valid: NDArray, settings: CorrelationSet
                 f"correlation.windows: displacement along {name} reaches {largest:.1f} voxels, more than a quarter of"
                 f" the first window ({n}); start with a window of at least {4 * largest:.0f}",
                 PlenoPIVWarning,
-                stacklevel=3,
+                stacklevel=4,
             )

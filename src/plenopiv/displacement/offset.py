@@ -13,6 +13,7 @@ plain sum toward zero, cause no bias here.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 
@@ -20,12 +21,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.displacement.peaks import gaussian_offset
+from plenopiv.displacement.offset_kernels import MOVES, add_to, refine, settle
 from plenopiv.displacement.windows import WindowGrid
-from plenopiv.kernels import inlined, kernel, part
 from plenopiv.volume import Volume
 
-MOVES = 3  # steps of a voxel that the highest correlation may be away from the first estimate
+Slabs = tuple[NDArray[np.float32], NDArray[np.float32]]
+Work = Callable[[int, NDArray[np.int64], NDArray[np.int64], Slabs], None]
 
 
 def discrete_offset(
@@ -38,158 +39,82 @@ def discrete_offset(
     not fit into the volume (never, if windows fill an axis). At the volume's faces both windows are shifted inward by
     up to an eighth of their size; the vector is then that of the shifted place.
     """
-    nz, ny, nx = windows.shape
-    out = np.moveaxis(first, 0, -1).reshape(nz, ny * nx, 3).copy()
-    found = np.zeros((nz, ny * nx), bool)
-    corners = np.array(list(product(windows.starts[1].tolist(), windows.starts[2].tolist())))
-    depth, planes = windows.size[0], a.grid.shape[0]
-    pieces = np.array_split(np.arange(len(corners)), min(4 * numba.get_num_threads(), len(corners)))
-    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-        for layer, start in enumerate(windows.starts[0].tolist()):
-            reach = min(int(np.ceil(np.abs(out[layer, :, 2]).max() / 2)), depth // 4) + MOVES
-            lo, hi = max(start - reach, 0), min(start + depth + reach, planes)
-            both = a.slab(lo, hi), b.slab(lo, hi)
+    offsets = Offsets(windows, first)
 
-            def work(
-                part: NDArray,
-                layer: int = layer,
-                both: tuple[NDArray[np.float32], NDArray[np.float32]] = both,
-                begin: int = start - lo,
-            ) -> None:
-                places = np.column_stack([np.full(len(part), begin), corners[part]])
-                vectors, again = out[layer, part], found[layer, part]
-                refine(*both, places, np.array(windows.size), vectors, again)
-                out[layer, part], found[layer, part] = vectors, again
+    def work(layer: int, part: NDArray, places: NDArray, both: Slabs) -> None:
+        vectors, again = offsets.vectors[layer, part], offsets.again[layer, part]
+        refine(*both, places, np.array(windows.size), vectors, again)
+        offsets.vectors[layer, part], offsets.again[layer, part] = vectors, again
 
-            list(pool.map(work, pieces))
-            del both, work  # before the next layer's planes are made
-    return np.moveaxis(out.reshape(nz, ny, nx, 3), -1, 0), found.reshape(nz, ny, nx)
+    offsets.each_part(a, b, work, np.ones(offsets.again.shape, bool))
+    return offsets.result()
 
 
-@inlined
-def product_of(one: NDArray[np.float32], two: NDArray[np.float32], begin: int, count: int) -> np.float32:
-    """Sum of one[n] two[begin + n]."""
-    first, second, total = one[:count], two[begin : begin + count], np.float32(0)
-    for n in range(count):
-        total += first[n] * second[n]
-    return total
+def summed_offset(
+    pairs: Iterable[tuple[Volume, Volume]],
+    windows: WindowGrid,
+    first: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """``discrete_offset`` of the sum over ``pairs``, which are gone through once for each step of a voxel that a window
+    moves, ``MOVES`` + 1 times at most.
+
+    Numerators and squared denominators are summed apart: by Cauchy-Schwarz their quotient, too, is highest where b is a
+    shifted.
+    """
+    offsets = Offsets(windows, first)
+    whole = np.rint(offsets.vectors[..., ::-1]).astype(np.int64)
+    moving, size = np.ones(offsets.again.shape, bool), np.array(windows.size)
+    for _ in range(MOVES + 1):
+        if not moving.any():
+            break
+        sums = np.zeros((*moving.shape, 3, 7))
+
+        def work(layer: int, part: NDArray, places: NDArray, both: Slabs, sums: NDArray = sums) -> None:
+            own = sums[layer, part]
+            add_to(*both, places, size, whole[layer, part], own)
+            sums[layer, part] = own
+
+        for pair in pairs:
+            offsets.each_part(*pair, work, moving)
+            del pair  # before the next one is loaded
+        here = np.nonzero(moving)
+        some = whole[here], offsets.vectors[here], offsets.again[here], moving[here]
+        settle(sums[here], *some)
+        whole[here], offsets.vectors[here], offsets.again[here], moving[here] = some
+    return offsets.result()
 
 
-@inlined
-def copied(
-    b: NDArray[np.float32],
-    z: int,
-    y: int,
-    x: int,
-    size: tuple[int, int, int],
-    plane: NDArray[np.float32],
-    light: NDArray[np.float64],
-    squares: NDArray[np.float64],
-    k: int,
-) -> None:
-    """Copy plane k of the second window with a voxel more on each side into ``plane``; add the light of its rows, and
-    its square, to those of the seven windows that hold them."""
-    nz, ny, nx = size
-    for j in range(-1, ny + 1):
-        row, out = b[z, y + j, x - 1 : x + nx + 1], plane[(j + 1) * (nx + 2) : (j + 2) * (nx + 2)]
-        s, q = np.float32(0), np.float32(0)
-        for i in range(nx + 2):
-            out[i] = row[i]
-        for i in range(1, nx + 1):
-            s += row[i]
-            q += row[i] * row[i]
-        if 0 <= j < ny:
-            for n in range(3):
-                if 0 <= k + (n == 1) - (n == 2) < nz:
-                    light[n] += s
-                    squares[n] += q
-        if 0 <= k < nz:
-            for n in range(3, 5):
-                if 0 <= j + (n == 3) - (n == 4) < ny:
-                    light[n] += s
-                    squares[n] += q
-            if 0 <= j < ny:
-                first, second, before, after = row[0], row[1], row[nx], row[nx + 1]
-                light[5] += s + first - before
-                light[6] += s + after - second
-                squares[5] += q + first * first - before * before
-                squares[6] += q + after * after - second * second
+class Offsets:
+    """Vectors that are measured by offset windows: ``vectors`` (layers, windows of a layer, 3) x, y, z, ``again``."""
 
+    def __init__(self, windows: WindowGrid, first: NDArray[np.float64]) -> None:
+        nz, ny, nx = windows.shape
+        self.windows = windows
+        self.vectors = np.moveaxis(first, 0, -1).reshape(nz, ny * nx, 3).copy()
+        self.again = np.zeros((nz, ny * nx), bool)
+        self._corners = np.array(list(product(windows.starts[1].tolist(), windows.starts[2].tolist())))
+        self._reach = np.ceil(np.abs(self.vectors[..., 2]).max(1) / 2).astype(int)
 
-@part
-def correlations(
-    a: NDArray[np.float32],
-    b: NDArray[np.float32],
-    at: NDArray[np.int64],
-    to: NDArray[np.int64],
-    size: tuple[int, int, int],
-    c: NDArray[np.float64],
-) -> None:
-    """C of a window of volume ``a`` with the one of ``b`` at ``to``, and with those before and after it along z, y and
-    x: ``c`` (7,). Planes are copied into rows that follow one another, so that a plane's products are one sum."""
-    nz, ny, nx = size
-    wide = nx + 2
-    products, light, squares = np.zeros(7), np.zeros(7), np.zeros(7)
-    planes, own = np.zeros((3, (ny + 2) * wide), np.float32), np.zeros(ny * wide, np.float32)
-    total = 0.0
-    for k in range(-1, nz + 1):
-        copied(b, to[0] + k, to[1], to[2], size, planes[k % 3], light, squares, k)
-        some = np.float32(0)
-        for j in range(ny if k > 0 else 0):
-            row, out = a[at[0] + k - 1, at[1] + j, at[2] : at[2] + nx], own[j * wide :]
-            for i in range(nx):
-                out[i] = row[i]
-                some += row[i]
-        if some == np.float32(0):
-            continue
-        total += float(some)
-        for n in range(7):
-            along_z, along_y, along_x = (n == 2) - (n == 1), (n == 4) - (n == 3), (n == 6) - (n == 5)
-            begin = (1 + along_y) * wide + 1 + along_x
-            products[n] += product_of(own, planes[(k + 2 + along_z) % 3], begin, ny * wide - 2)
-    count = nz * ny * nx
-    mean = total / count
-    for n in range(7):
-        spread = squares[n] - light[n] * light[n] / count
-        c[n] = (products[n] - mean * light[n]) / np.sqrt(spread) if spread > 1e-6 * squares[n] else 0.0
+    def each_part(self, a: Volume, b: Volume, work: Work, chosen: NDArray[np.bool_]) -> None:
+        """Call ``work(layer, part, places, slabs)`` for the ``chosen`` windows (layers, windows of a layer), some of a
+        layer at a time, on several threads; ``places`` are their first voxels (z, y, x) in the ``slabs``."""
+        depth, planes, count = self.windows.size[0], a.grid.shape[0], 4 * numba.get_num_threads()
+        with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+            for layer, start in enumerate(self.windows.starts[0].tolist()):
+                some = np.flatnonzero(chosen[layer])
+                if not some.size:
+                    continue
+                reach = min(self._reach[layer], depth // 4) + MOVES
+                lo, hi = max(start - reach, 0), min(start + depth + reach, planes)
+                both = a.slab(lo, hi), b.slab(lo, hi)
 
+                def some_of(part: NDArray, layer: int = layer, both: Slabs = both, begin: int = start - lo) -> None:
+                    work(layer, part, np.column_stack([np.full(len(part), begin), self._corners[part]]), both)
 
-@kernel
-def refine(
-    a: NDArray[np.float32],
-    b: NDArray[np.float32],
-    corners: NDArray[np.int64],
-    size: NDArray[np.int64],
-    vectors: NDArray[np.float64],
-    again: NDArray[np.bool_],
-) -> None:
-    """``vectors`` (count, 3), x y z, of windows whose first voxels are ``corners`` (count, 3), z y x; ``again``: which
-    were found."""
-    at, to, whole, c = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3, np.int64), np.empty(7)
-    for n in range(corners.shape[0]):
-        for axis in range(3):
-            whole[axis] = np.int64(np.rint(vectors[n, 2 - axis]))
-        for _ in range(MOVES + 1):
-            inside = True
-            for axis in range(3):
-                back, room = whole[axis] // 2, a.shape[axis]
-                one = corners[n, axis] - back
-                two = one + whole[axis]
-                # both move together to where they, and the second's neighbours, lie inside
-                low, high = min(one, two - 1), max(one, two + 1) + size[axis]
-                shift = max(0, -low) - max(0, high - room)
-                inside &= low + shift >= 0 and high + shift <= room and abs(shift) <= size[axis] // 8
-                at[axis], to[axis] = one + shift, two + shift
-            if not inside:
-                break
-            correlations(a, b, at, to, (size[0], size[1], size[2]), c)
-            best = 0
-            for k in range(1, 7):
-                best = k if c[k] > c[best] else best
-            if best == 0:
-                again[n] = c[0] > 0.0
-                for axis in range(3):
-                    off = gaussian_offset(c[2 * axis + 1], c[0], c[2 * axis + 2])
-                    vectors[n, 2 - axis] = whole[axis] + off if again[n] else vectors[n, 2 - axis]
-                break
-            whole[(best - 1) // 2] += 1 if best % 2 == 0 else -1
+                list(pool.map(some_of, np.array_split(some, min(count, some.size))))
+                del both, some_of  # before the next layer's planes are made
+
+    def result(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Displacements (3, nz, ny, nx), and which were found."""
+        shape = self.windows.shape
+        return np.moveaxis(self.vectors.reshape(*shape, 3), -1, 0), self.again.reshape(shape)

@@ -53,17 +53,21 @@ class ScatterCorrelator(WindowCorrelator):
     def variance(self, spectra: Spectra, place: NDArray[np.int64], untilt: NDArray[np.float64]) -> NDArray[np.float64]:
         """Jackknife variance (batch, 3), voxel^2, along x, y, z, of the peaks of a batch. ``place``, ``untilt``: as
         ``find_peaks`` leaves them."""
-        pairs = self.filtered(spectra)
-        blocks = np.array([max(1, min(_BLOCKS, n // thin)) for n, thin in zip(self.size, _THINNEST, strict=True)])
+        out = np.zeros((len(place), 3))
+        jackknife_variance(self.contributions(spectra, place), untilt, out)
+        return out
+
+    @property
+    def blocks(self) -> NDArray[np.int64]:
+        """Blocks of a window along z, y, x."""
+        return np.array([max(1, min(_BLOCKS, n // thin)) for n, thin in zip(self.size, _THINNEST, strict=True)])
+
+    def contributions(self, spectra: Spectra, place: NDArray[np.int64]) -> NDArray[np.float64]:
+        """``block_sums`` (batch, blocks, 7) of the blocks of a batch, normalised by overlap."""
+        pairs, blocks = self.filtered(spectra), self.blocks
         sums = np.zeros((len(pairs), int(blocks.prod()), 7))
         block_sums(pairs, self.around, place, blocks, sums)
-        star = np.array([(0, 0, 0), (0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0)])
-        middle = np.array(spectra.gain.shape[1:]) // 2 + place[:, None, ::-1]  # z, y, x
-        z, y, x = np.moveaxis(middle + star, -1, 0)  # (batch, 7) each
-        window = np.arange(len(pairs))[:, None] if len(spectra.gain) > 1 else 0
-        out = np.zeros((len(pairs), 3))
-        jackknife_variance(sums * spectra.gain[window, z, y, x][:, None], untilt, out)
-        return out
+        return sums * around_peaks(spectra.gain, place)[:, None]
 
     def filtered(self, spectra: Spectra) -> NDArray[np.float32]:
         """Both windows after whitening and smoothing, (batch, 2, nz, ny, nx), so that R(d) is their plain circular sum
@@ -75,6 +79,16 @@ class ScatterCorrelator(WindowCorrelator):
         about = self._plans, self._wide, self._high, self._filters, np.float32(self.whitening)
         as_correlated(spectra.pairs, *about, out.reshape(len(out), -1))
         return out
+
+
+def around_peaks(values: NDArray[np.float32], place: NDArray[np.int64]) -> NDArray[np.float32]:
+    """``values`` (batch or 1, nz, ny, nx), of displacements about zero, at the peaks and -x, +x, -y, +y, -z, +z of
+    them, (batch, 7). ``place`` (batch, 3) x, y, z: as ``find_peaks`` leaves it."""
+    star = np.array([(0, 0, 0), (0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0)])
+    middle = np.array(values.shape[1:]) // 2 + place[:, None, ::-1]  # z, y, x
+    z, y, x = np.moveaxis(middle + star, -1, 0)  # (batch, 7) each
+    window = np.arange(len(place))[:, None] if len(values) > 1 else 0
+    return values[window, z, y, x]
 
 
 @part
@@ -157,6 +171,37 @@ def jackknife_variance(sums: NDArray[np.float64], untilt: NDArray[np.float64], v
                 mean += d / blocks
                 square += d * d
             variance[w, axis] = (blocks - 1) / blocks * (square - blocks * mean * mean)
+
+
+@kernel
+def add_left_out(
+    items: NDArray[np.float64],
+    total: NDArray[np.float64],
+    untilt: NDArray[np.float64],
+    moments: NDArray[np.float64],
+) -> None:
+    """How far the peak of ``total`` (batch, 7) moves where each of ``items`` (batch, n, 7), parts of it, is left out:
+    adds the sum over the items, and that of squares, to ``moments`` (batch, 2, 3), x, y, z."""
+    off = np.empty(3)
+    for w in range(items.shape[0]):
+        t = total[w]
+        for i in range(items.shape[1]):
+            c = items[w, i]
+            for axis in range(3):
+                lo, hi = 1 + 2 * axis, 2 + 2 * axis
+                here = gaussian_offset(t[lo], t[0], t[hi])
+                off[axis] = gaussian_offset(t[lo] - c[lo], t[0] - c[0], t[hi] - c[hi]) - here
+            for axis in range(3):
+                d = 0.0
+                for other in range(3):
+                    d += untilt[w, axis, other] * off[other]
+                moments[w, 0, axis] += d
+                moments[w, 1, axis] += d * d
+
+
+def delete_one(moments: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Delete-one variance (..., 3) of ``count`` items from the sums of ``add_left_out`` (..., 2, 3)."""
+    return (count - 1) / count * (moments[..., 1, :] - moments[..., 0, :] ** 2 / count)
 
 
 def averaging_bias(displacement: NDArray[np.float64], windows: WindowGrid) -> NDArray[np.float64]:

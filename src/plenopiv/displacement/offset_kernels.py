@@ -1,0 +1,226 @@
+"""Kernels of discrete window offset (``offset``): sums over two windows, and the walk to the highest correlation."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.displacement.peaks import gaussian_offset
+from plenopiv.kernels import inlined, kernel, part
+
+MOVES = 3  # steps of a voxel that the highest correlation may be away from the first estimate
+
+
+@inlined
+def product_of(one: NDArray[np.float32], two: NDArray[np.float32], begin: int, count: int) -> np.float32:
+    """Sum of one[n] two[begin + n]."""
+    first, second, total = one[:count], two[begin : begin + count], np.float32(0)
+    for n in range(count):
+        total += first[n] * second[n]
+    return total
+
+
+@inlined
+def copied(
+    b: NDArray[np.float32],
+    z: int,
+    y: int,
+    x: int,
+    size: tuple[int, int, int],
+    plane: NDArray[np.float32],
+    light: NDArray[np.float64],
+    squares: NDArray[np.float64],
+    k: int,
+) -> None:
+    """Copy plane k of the second window with a voxel more on each side into ``plane``; add the light of its rows, and
+    its square, to those of the seven windows that hold them."""
+    nz, ny, nx = size
+    for j in range(-1, ny + 1):
+        row, out = b[z, y + j, x - 1 : x + nx + 1], plane[(j + 1) * (nx + 2) : (j + 2) * (nx + 2)]
+        s, q = np.float32(0), np.float32(0)
+        for i in range(nx + 2):
+            out[i] = row[i]
+        for i in range(1, nx + 1):
+            s += row[i]
+            q += row[i] * row[i]
+        if 0 <= j < ny:
+            for n in range(3):
+                if 0 <= k + (n == 1) - (n == 2) < nz:
+                    light[n] += s
+                    squares[n] += q
+        if 0 <= k < nz:
+            for n in range(3, 5):
+                if 0 <= j + (n == 3) - (n == 4) < ny:
+                    light[n] += s
+                    squares[n] += q
+            if 0 <= j < ny:
+                first, second, before, after = row[0], row[1], row[nx], row[nx + 1]
+                light[5] += s + first - before
+                light[6] += s + after - second
+                squares[5] += q + first * first - before * before
+                squares[6] += q + after * after - second * second
+
+
+@part
+def add_sums(
+    a: NDArray[np.float32],
+    b: NDArray[np.float32],
+    at: NDArray[np.int64],
+    to: NDArray[np.int64],
+    size: tuple[int, int, int],
+    sums: NDArray[np.float64],
+) -> None:
+    """Numerator of C, its denominator squared, and the sum of b^2: added to ``sums`` (3, 7).
+
+    Of a window of volume ``a`` with the one of ``b`` at ``to``, and with those before and after it along z, y and x.
+    Planes are copied into rows that follow one another, so that a plane's products are one sum.
+    """
+    nz, ny, nx = size
+    wide = nx + 2
+    products, light, squares = np.zeros(7), np.zeros(7), np.zeros(7)
+    planes, own = np.zeros((3, (ny + 2) * wide), np.float32), np.zeros(ny * wide, np.float32)
+    total = 0.0
+    for k in range(-1, nz + 1):
+        copied(b, to[0] + k, to[1], to[2], size, planes[k % 3], light, squares, k)
+        some = np.float32(0)
+        for j in range(ny if k > 0 else 0):
+            row, out = a[at[0] + k - 1, at[1] + j, at[2] : at[2] + nx], own[j * wide :]
+            for i in range(nx):
+                out[i] = row[i]
+                some += row[i]
+        if some == np.float32(0):
+            continue
+        total += float(some)
+        for n in range(7):
+            along_z, along_y, along_x = (n == 2) - (n == 1), (n == 4) - (n == 3), (n == 6) - (n == 5)
+            begin = (1 + along_y) * wide + 1 + along_x
+            products[n] += product_of(own, planes[(k + 2 + along_z) % 3], begin, ny * wide - 2)
+    count = nz * ny * nx
+    mean = total / count
+    for n in range(7):
+        sums[0, n] += products[n] - mean * light[n]
+        sums[1, n] += squares[n] - light[n] * light[n] / count
+        sums[2, n] += squares[n]
+
+
+@part
+def normalise(sums: NDArray[np.float64], c: NDArray[np.float64]) -> None:
+    """C (7,) of ``sums``; 0 where the second window is even."""
+    for n in range(7):
+        c[n] = sums[0, n] / np.sqrt(sums[1, n]) if sums[1, n] > 1e-6 * sums[2, n] else 0.0
+
+
+@part
+def correlations(
+    a: NDArray[np.float32],
+    b: NDArray[np.float32],
+    at: NDArray[np.int64],
+    to: NDArray[np.int64],
+    size: tuple[int, int, int],
+    c: NDArray[np.float64],
+) -> None:
+    """C of the seven windows of ``add_sums``: ``c`` (7,)."""
+    sums = np.zeros((3, 7))
+    add_sums(a, b, at, to, size, sums)
+    normalise(sums, c)
+
+
+@part
+def placed(
+    corner: NDArray[np.int64],
+    whole: NDArray[np.int64],
+    size: NDArray[np.int64],
+    room: tuple[int, int, int],
+    at: NDArray[np.int64],
+    to: NDArray[np.int64],
+) -> bool:
+    """Write the first voxels (z, y, x) of two windows ``whole`` voxels apart about ``corner``, in a volume of ``room``
+    voxels, to ``at`` and ``to``. Returns whether they fit."""
+    inside = True
+    for axis in range(3):
+        back = whole[axis] // 2
+        one = corner[axis] - back
+        two = one + whole[axis]
+        # both move together to where they, and the second's neighbours, lie inside
+        low, high = min(one, two - 1), max(one, two + 1) + size[axis]
+        shift = max(0, -low) - max(0, high - room[axis])
+        inside &= low + shift >= 0 and high + shift <= room[axis] and abs(shift) <= size[axis] // 8
+        at[axis], to[axis] = one + shift, two + shift
+    return inside
+
+
+@part
+def settled(c: NDArray[np.float64], whole: NDArray[np.int64], vector: NDArray[np.float64]) -> bool:
+    """Whether the middle of ``c`` (7,) is the highest; ``vector`` is then its maximum, unless that is not positive.
+    Otherwise ``whole`` moves a voxel."""
+    best = 0
+    for k in range(1, 7):
+        best = k if c[k] > c[best] else best
+    if best > 0:
+        whole[(best - 1) // 2] += 1 if best % 2 == 0 else -1
+        return False
+    for axis in range(3):
+        off = gaussian_offset(c[2 * axis + 1], c[0], c[2 * axis + 2])
+        vector[2 - axis] = whole[axis] + off if c[0] > 0.0 else vector[2 - axis]
+    return True
+
+
+@kernel
+def refine(
+    a: NDArray[np.float32],
+    b: NDArray[np.float32],
+    corners: NDArray[np.int64],
+    size: NDArray[np.int64],
+    vectors: NDArray[np.float64],
+    again: NDArray[np.bool_],
+) -> None:
+    """``vectors`` (count, 3), x y z, of windows whose first voxels are ``corners`` (count, 3), z y x; ``again``: which
+    were found."""
+    at, to, whole, c = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3, np.int64), np.empty(7)
+    for n in range(corners.shape[0]):
+        for axis in range(3):
+            whole[axis] = np.int64(np.rint(vectors[n, 2 - axis]))
+        for _ in range(MOVES + 1):
+            if not placed(corners[n], whole, size, a.shape, at, to):
+                break
+            correlations(a, b, at, to, (size[0], size[1], size[2]), c)
+            if settled(c, whole, vectors[n]):
+                again[n] = c[0] > 0.0
+                break
+
+
+@kernel
+def add_to(
+    a: NDArray[np.float32],
+    b: NDArray[np.float32],
+    corners: NDArray[np.int64],
+    size: NDArray[np.int64],
+    whole: NDArray[np.int64],
+    sums: NDArray[np.float64],
+) -> None:
+    """Add those of one more pair to the ``sums`` (count, 3, 7) of windows that are ``whole`` (count, 3) voxels apart.
+    Where they do not fit, the sums become NaN."""
+    at, to = np.empty(3, np.int64), np.empty(3, np.int64)
+    for n in range(corners.shape[0]):
+        if placed(corners[n], whole[n], size, a.shape, at, to):
+            add_sums(a, b, at, to, (size[0], size[1], size[2]), sums[n])
+        else:
+            sums[n] = np.nan
+
+
+@kernel
+def settle(
+    sums: NDArray[np.float64],
+    whole: NDArray[np.int64],
+    vectors: NDArray[np.float64],
+    again: NDArray[np.bool_],
+    moving: NDArray[np.bool_],
+) -> None:
+    """One step of ``refine`` from the sums over all pairs; ``moving``: which windows need another."""
+    c = np.empty(7)
+    for n in range(sums.shape[0]):
+        moving[n] = False
+        if not np.isnan(sums[n, 0, 0]):
+            normalise(sums[n], c)
+            moving[n] = not settled(c, whole[n], vectors[n])
+            again[n] = c[0] > 0.0 and not moving[n]

@@ -1,0 +1,197 @@
+"""The windows of one pass: cut out of deformed volumes layer by layer, and transformed batch by batch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.displacement.agreement import agreement
+from plenopiv.displacement.correlation import Spectra
+from plenopiv.displacement.deformation import SPLINE_VARIANCE, DeformedPlanes
+from plenopiv.displacement.peaks import find_peaks
+from plenopiv.displacement.predictor import SplineField
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.uncertainty import ScatterCorrelator
+from plenopiv.displacement.windows import WindowBatch, WindowGrid
+from plenopiv.volume import Volume
+
+_BATCH_VOXELS = 1 << 18  # windows of a batch and their spectra stay in a core's cache
+
+StepDone = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class PassResult:
+    """What one pass measured: ``displacement`` (3, nz, ny, nx) voxels, ``found`` and ``peak_ratio`` (nz, ny, nx).
+
+    ``variance`` (3, nz, ny, nx), voxel^2: scatter of the particles of a window about its peak; None unless ``scatter``.
+    """
+
+    displacement: NDArray[np.float64]
+    found: NDArray[np.bool_]
+    peak_ratio: NDArray[np.float32]
+    variance: NDArray[np.float64] | None = None
+
+
+class PassVectors:
+    """The peaks of a pass as they are found: ``moved`` (layers, windows of a layer, 3) x, y, z, ``found`` and
+    ``ratio``."""
+
+    def __init__(self, windows: WindowGrid) -> None:
+        nz, ny, nx = windows.shape
+        self._windows = windows
+        self.found = np.zeros((nz, ny * nx), bool)
+        self.ratio = np.zeros((nz, ny * nx), np.float32)
+        self.moved = np.zeros((nz, ny * nx, 3))
+
+    def fit(
+        self,
+        layer: int,
+        part: slice,
+        correlation: NDArray[np.float32],
+        gain: NDArray[np.float32],
+        lit: NDArray[np.bool_],
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Find the peaks of a batch of windows; ``place`` and ``untilt`` of ``find_peaks``."""
+        place, untilt = np.empty((len(lit), 3), np.int64), np.empty((len(lit), 3, 3))
+        into = self.moved[layer, part], self.ratio[layer, part], self.found[layer, part]
+        find_peaks(correlation, gain, *into, place, untilt)
+        self.found[layer, part] &= lit
+        self.moved[layer, part][~lit] = 0.0
+        self.ratio[layer, part][~lit] = 0.0
+        return place, untilt
+
+    def result(self, predictor: SplineField | None, variance: NDArray[np.float64] | None) -> PassResult:
+        """``variance``: as ``moved``."""
+        shape = self._windows.shape
+        displacement, scattered = (
+            None if v is None else np.moveaxis(v.reshape(*shape, 3), -1, 0) for v in (self.moved, variance)
+        )
+        assert displacement is not None
+        if predictor is not None:
+            displacement = displacement + predictor.at(*self._windows.centres)
+        return PassResult(displacement, self.found.reshape(shape), self.ratio.reshape(shape), scattered)
+
+
+class WindowPass:
+    """One pass over the windows of any number of pairs of volumes of ``shape``.
+
+    ``windows``, ``predictor``, ``settings``, ``search``: as for ``multigrid.correlation_pass``. The ``count`` windows
+    of a layer are numbered along x, then y; ``batches`` are ranges of them.
+    """
+
+    def __init__(
+        self,
+        windows: WindowGrid,
+        predictor: SplineField | None,
+        settings: CorrelationSettings,
+        search: float,
+        shape: tuple[int, int, int],
+    ) -> None:
+        size = windows.size
+        self.windows, self.predictor = windows, predictor
+        self.layers, rows, columns = windows.shape
+        self.count = rows * columns
+        batch = max(1, _BATCH_VOXELS // int(np.prod(size)))
+        self.batches = [slice(lo, min(lo + batch, self.count)) for lo in range(0, self.count, batch)]
+        self._radius = tuple(max(1, min(round(search * n), n // 2 - 2)) for n in size)
+        done = 0.0 if predictor is None else SPLINE_VARIANCE
+        variance = max(settings.smoothing_voxels**2 - done, 0.0)
+        about = variance, settings.whitening, settings.taper_voxels
+        self.correlator = ScatterCorrelator(size, self._radius, *about)  # type: ignore[arg-type]
+        self._corners = np.array(list(product(windows.starts[1].tolist(), windows.starts[2].tolist())))
+        self._cuts = None
+        if predictor is not None:
+            self._cuts = window_cuts(windows, predictor, shape).reshape(self.layers, self.count, 3, 2)
+        self._power = 0.0 if predictor is None else settings.agreement
+
+    @property
+    def plane(self) -> tuple[int, int, int]:
+        """Values of a correlation along z, y, x."""
+        z, y, x = (2 * r + 3 for r in self._radius)
+        return z, y, x
+
+    def gain(self, layer: int, part: slice) -> NDArray[np.float32]:
+        """As in the ``Spectra`` of these windows; the same for every pair."""
+        return self.correlator.gain(None if self._cuts is None else self._cuts[layer, part])
+
+    def each_batch(
+        self,
+        a: Volume,
+        b: Volume,
+        work: Callable[[int, slice, Spectra], None],
+        layers: range | None = None,
+        step_done: StepDone | None = None,
+    ) -> None:
+        """Call ``work(layer, part, spectra)`` for each batch of windows of ``layers`` (default all) of a pair, on
+        several threads; ``step_done(done, total)`` after each layer. One layer of windows, and what the next one adds
+        to it, is in memory at a time."""
+        layers = range(self.layers) if layers is None else layers
+        size, predictor = self.windows.size, self.predictor
+        sources: tuple[Volume | DeformedPlanes, ...] = (a, b)
+        if predictor is not None:
+            sources = DeformedPlanes(a, predictor, -0.5), DeformedPlanes(b, predictor, 0.5)
+
+        with ThreadPoolExecutor(numba.get_num_threads()) as pool, ThreadPoolExecutor(1) as ahead:
+            planes = zip(*(_planes(source, self.windows, layers, ahead) for source in sources), strict=True)
+            for done, (layer, (planes_a, planes_b)) in enumerate(zip(layers, planes, strict=True), 1):
+
+                def transform(part: slice, layer: int = layer, pa: NDArray = planes_a, pb: NDArray = planes_b) -> None:
+                    corners, weights = self._corners[part], None
+                    if self._power:
+                        held = ([p[:, j : j + size[1], i : i + size[2]] for j, i in corners] for p in (pa, pb))
+                        weights = agreement(*map(np.stack, held)) ** np.float32(self._power)
+                    cuts = None if self._cuts is None else self._cuts[layer, part]
+                    first, second = (WindowBatch.cut(planes, corners) for planes in (pa, pb))
+                    work(layer, part, self.correlator.spectra(first, second, cuts, weights))
+
+                list(pool.map(transform, self.batches))
+                if step_done is not None:
+                    step_done(done, len(layers))
+
+
+def window_cuts(windows: WindowGrid, predictor: SplineField, shape: tuple[int, int, int]) -> NDArray[np.float64]:
+    """Voxels (nz, ny, nx, 3, 2) that windows lose at their low and high ends along z, y, x.
+
+    Samples at x -+ d/2 both come from a volume of ``shape`` where x stays |d|/2 away from its faces. d is taken where
+    the window ends, the largest of nine points; at most a quarter of a window is cut.
+    """
+    places = []
+    for start, n in zip(windows.starts, windows.size, strict=True):
+        places.append((start[:, None] + np.array([0, n // 2, n - 1])).ravel())
+    nz, ny, nx = windows.shape
+    half = np.abs(predictor.at(*places)).reshape(3, nz, 3, ny, 3, nx, 3).transpose(0, 1, 3, 5, 2, 4, 6) / 2
+    out = np.zeros((nz, ny, nx, 3, 2))
+    for axis, (start, n, total) in enumerate(zip(windows.starts, windows.size, shape, strict=True)):
+        ends = np.moveaxis(half[2 - axis], 3 + axis, 0)
+        for side, (end, gap) in enumerate(((ends[0], start), (ends[2], total - n - start))):
+            gap = gap.reshape([-1 if k == axis else 1 for k in range(3)])
+            out[..., axis, side] = np.clip(end.max((-2, -1)) - gap, 0.0, n / 4)
+    return out
+
+
+def _planes(
+    source: Volume | DeformedPlanes, windows: WindowGrid, layers: range, ahead: ThreadPoolExecutor
+) -> Iterator[NDArray[np.float32]]:
+    """The planes of each of ``layers`` of windows in turn. Planes that two layers share are made once; ``ahead``, which
+    has one thread, makes the other planes of the next layer while one is correlated."""
+    depth, step = windows.size[0], windows.step[0]
+    starts = windows.starts[0][layers.start : layers.stop].tolist()
+    first, kept = source.slab(starts[0], starts[0] + min(step, depth)), max(depth - step, 0)
+    planes = np.empty((depth, *first.shape[1:]), np.float32)
+    planes[: len(first)] = first
+    del first
+    for made in range(step, depth, step):
+        planes[made : made + step] = source.slab(starts[0] + made, starts[0] + min(made + step, depth))
+    for start in starts[1:]:
+        coming = ahead.submit(source.slab, start + kept, start + depth)
+        yield planes
+        planes[:kept] = planes[depth - kept :].copy()
+        planes[kept:] = coming.result()
+    yield planes
