@@ -18,5 +18,6 @@ noise_amplification.py  noise of the vectors over that of one correlation, after
 uncertainty.py  standard deviation of every vector
 window_pass.py  one pass over the windows, batch by batch
 multigrid.py    one pass of a pair, and the loop over passes
+ensemble.py     the same with correlations summed over many pairs
 field.py        the result
 """

@@ -1,0 +1,243 @@
+"""Ensemble correlation: one displacement field from many pairs of volumes of the same flow.
+
+In each pass the correlation of each window is summed over all pairs before its peak is looked for (Meinhart, Wereley &
+Santiago 2000, J. Fluids Eng. 122 285; Delnoij et al. 1999, Chem. Eng. Sci. 54 5159). What particles that pair by chance
+add differs from pair to pair, and the peak of those that move with the flow grows with the number of pairs: seeding may
+be so thin that a window of one pair holds a particle or two. The flow must be steady, or the pairs of one phase; what
+is found is where the displacements of all particles of a window are most frequent.
+
+*Sums.* Numerator and overlap are summed apart. The overlap C(d) of ``correlation`` is that of the windows' weights, the
+same for every pair, so the sum of R(d) is divided by it once. In discrete window offset the energy of the second
+window differs from pair to pair, and is summed for itself (``summed_offset``). Whitening is each pair's own.
+
+*Weights.* R grows with the light of a pair. Each volume is therefore scaled so that its brightness, sum v^2 / sum v
+over its voxels, is that of the first pair's. A mean over voxels would be lower in a pair with fewer particles and raise
+what it adds; this quotient depends on the particles that are there, not on how many there are. Within a window, a pair
+counts by the number of its particles.
+
+*Standard deviation.* Errors of particles are independent between blocks of a window and between pairs. What a pair has
+of its own (a flow that fluctuates) is common to all its blocks; what a place has of its own (a gradient that
+deformation has left) is common to all pairs. The delete-one variance over blocks, summed over pairs, has the last, that
+over pairs the other, and both have the particles'. With the variance over blocks of single pairs, which has these
+alone,
+
+    s^2 = V(blocks) + max(V(pairs) - V(blocks of pairs), 0)
+
+(errors clustered two ways: Cameron, Gelbach & Miller 2011, J. Bus. Econ. Stat. 29 238). For one pair it is V(blocks),
+as for ``measure``. Iteration and averaging bias follow as there (``uncertainty``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Protocol
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.displacement.correlation import Spectra
+from plenopiv.displacement.field import DisplacementField
+from plenopiv.displacement.multigrid import Progress, compressed, multi_grid
+from plenopiv.displacement.offset import summed_offset
+from plenopiv.displacement.predictor import SplineField
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.solid import Solid
+from plenopiv.displacement.uncertainty import add_left_out, around_peaks, delete_one, jackknife_variance
+from plenopiv.displacement.window_pass import PassResult, PassVectors, StepDone, WindowPass
+from plenopiv.displacement.windows import WindowGrid
+from plenopiv.errors import PlenoPIVError
+from plenopiv.volume import Volume, VoxelGrid
+
+PLANES_BYTES = 1 << 30  # of summed correlations held at once; a layer of windows at least
+
+
+class PairsOfVolumes(Protocol):
+    """As a sequence of pairs of volumes; each may be read anew whenever it is asked for."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int, /) -> tuple[Volume, Volume]: ...
+
+
+def measure_ensemble(
+    pairs: PairsOfVolumes,
+    settings: CorrelationSettings,
+    progress: Progress | None = None,
+    solid: Solid | None = None,
+) -> DisplacementField:
+    """The displacement field that all ``pairs`` (first volume, second volume) share, in voxels.
+
+    Passes, windows and settings as for ``measure``; of one pair the result is the same bit for bit. ``pairs[k]`` is
+    asked for once in each pass and for each step of the discrete window offset, twice in the last pass, and as many
+    times as often as the windows' correlations take more than ``PLANES_BYTES``; one pair is held at a time. Memory: a
+    pair of volumes and what ``measure`` takes for it, and ``PLANES_BYTES`` at most (or one layer of windows, where that
+    takes more) for the correlations, 4 bytes for each displacement that is searched of each window. ``progress``,
+    ``solid``: as for ``measure``.
+
+    Raises:
+        PlenoPIVError: there is no pair, volumes differ in grid, windows do not fit, or nothing is found.
+    """
+    if not len(pairs):
+        raise PlenoPIVError("ensemble correlation: no pairs were given; give one or more")
+    summed = SummedPairs(pairs, settings)
+    return multi_grid(summed, summed.grid.shape, settings, progress, solid)
+
+
+class SummedPairs:
+    """The passes' correlations, summed over pairs (``multigrid.Pairs``)."""
+
+    def __init__(self, pairs: PairsOfVolumes, settings: CorrelationSettings) -> None:
+        self._pairs, self._exponent = pairs, settings.intensity_exponent
+        self._brightness: list[tuple[float, float]] = []  # of each pair's volumes
+        self.grid: VoxelGrid = pairs[0][0].grid
+
+    def __len__(self) -> int:
+        return len(self._pairs)
+
+    def __iter__(self) -> Iterator[tuple[Volume, Volume]]:
+        for number in range(len(self)):
+            yield self._pair(number)
+
+    def _pair(self, number: int) -> tuple[Volume, Volume]:
+        """Both volumes, compressed and scaled to the brightness of the first pair with light."""
+        a, b = (compressed(volume, self._exponent) for volume in self._pairs[number])
+        for volume, which in ((a, "first"), (b, "second")):
+            if volume.grid != self.grid:
+                raise PlenoPIVError(
+                    f"ensemble correlation: the {which} volume of pair {number + 1} is on another grid than the first "
+                    f"pair's: {volume.grid} and {self.grid}; reconstruct all of them on the same one"
+                )
+        if number == len(self._brightness):
+            self._brightness.append((brightness(a), brightness(b)))
+        own = self._brightness[number]
+        first = next((both for both in self._brightness if min(both) > 0), own)
+        return tuple(  # type: ignore[return-value]
+            volume if light in (0.0, aim) else volume.with_values(volume.values * np.float32(aim / light))
+            for volume, light, aim in zip((a, b), own, first, strict=True)
+        )
+
+    def offset(
+        self, windows: WindowGrid, first: NDArray[np.float64], progress: Progress | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """See ``summed_offset``; progress counts pairs."""
+        if progress is None:
+            return summed_offset(self, windows, first)
+        return summed_offset(_Counted(self, progress), windows, first)
+
+    def correlated(
+        self,
+        windows: WindowGrid,
+        predictor: SplineField | None,
+        settings: CorrelationSettings,
+        search: float,
+        step_done: StepDone | None = None,
+        scatter: bool = False,
+    ) -> PassResult:
+        """As ``correlation_pass``; ``step_done`` counts layers of all pairs."""
+        batches = WindowPass(windows, predictor, settings, search, self.grid.shape)
+        vectors = PassVectors(windows)
+        spread = np.zeros_like(vectors.moved)
+        count, total = 0, batches.layers * len(self) * (2 if scatter else 1)
+
+        def layer_done(*_: int) -> None:
+            nonlocal count
+            count += 1
+            if step_done is not None:
+                step_done(count, total)
+
+        at_once = max(1, PLANES_BYTES // (4 * batches.count * int(np.prod(batches.plane))))
+        for begin in range(0, batches.layers, at_once):
+            layers = range(begin, min(begin + at_once, batches.layers))
+            peaks = self._peaks(batches, layers, vectors, layer_done)
+            if scatter:
+                self._scatter(batches, layers, peaks, spread, layer_done)
+        return vectors.result(predictor, spread if scatter else None)
+
+    def _peaks(self, batches: WindowPass, layers: range, vectors: PassVectors, layer_done: StepDone) -> Peaks:
+        """Sum the correlations of some layers of windows and find their peaks."""
+        planes = np.zeros((len(layers), batches.count, *batches.plane), np.float32)
+        lit = np.zeros((len(layers), batches.count), bool)
+
+        def add(layer: int, part: slice, spectra: Spectra) -> None:
+            found = batches.correlator.correlation(spectra)
+            found[~spectra.lit] = 0.0  # of uniform windows: rounding
+            planes[layer - layers.start, part] += found
+            lit[layer - layers.start, part] |= spectra.lit
+
+        for pair in self:
+            batches.each_batch(*pair, add, layers, layer_done)
+            del pair  # before the next one is loaded
+        peaks = Peaks(len(layers), batches.count)
+
+        def find(layer: int, part: slice) -> None:
+            here, gain = (layer - layers.start, part), batches.gain(layer, part)
+            place, untilt = vectors.fit(layer, part, planes[here], gain, lit[here])
+            peaks.place[here], peaks.untilt[here] = place, untilt
+            peaks.total[here] = around_peaks(planes[here], place) * around_peaks(gain, place)
+
+        with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+            list(pool.map(lambda job: find(*job), [(layer, part) for layer in layers for part in batches.batches]))
+        return peaks
+
+    def _scatter(
+        self, batches: WindowPass, layers: range, peaks: Peaks, spread: NDArray[np.float64], layer_done: StepDone
+    ) -> None:
+        """The variance of the peaks of some layers of windows."""
+        shape, correlator = (len(layers), batches.count), batches.correlator
+        blocks = int(correlator.blocks.prod())
+        sums, of_pairs, of_cells = (np.zeros((*shape, *rest)) for rest in ((blocks, 7), (2, 3), (2, 3)))
+
+        def add(layer: int, part: slice, spectra: Spectra) -> None:
+            here = layer - layers.start, part
+            own = correlator.contributions(spectra, peaks.place[here])
+            own[~spectra.lit] = 0.0
+            sums[here] += own
+            about = peaks.total[here], peaks.untilt[here]
+            add_left_out(own, *about, of_cells[here])
+            add_left_out(own.sum(1, keepdims=True), *about, of_pairs[here])
+
+        for pair in self:
+            batches.each_batch(*pair, add, layers, layer_done)
+            del pair
+        for layer in range(len(layers)):
+            variance = np.zeros((batches.count, 3))
+            jackknife_variance(sums[layer], peaks.untilt[layer], variance)
+            more = delete_one(of_pairs[layer], len(self)) - delete_one(of_cells[layer], len(self) * blocks)
+            if len(self) > 1:
+                variance += np.maximum(more, 0.0)
+            spread[layers.start + layer] = variance
+
+
+class Peaks:
+    """Where the peaks of ``layers`` of ``count`` windows are: ``place`` and ``untilt`` as of ``find_peaks``, ``total``
+    the normalised correlation ``around_peaks``."""
+
+    def __init__(self, layers: int, count: int) -> None:
+        self.place = np.zeros((layers, count, 3), np.int64)
+        self.untilt = np.zeros((layers, count, 3, 3))
+        self.total = np.zeros((layers, count, 7))
+
+
+class _Counted:
+    """Pairs, with a word to ``progress`` after each."""
+
+    def __init__(self, pairs: SummedPairs, progress: Progress) -> None:
+        self._pairs, self._report, self._sweeps = pairs, progress, 0
+
+    def __iter__(self) -> Iterator[tuple[Volume, Volume]]:
+        self._sweeps += 1
+        report = partial(self._report, f"discrete window offset, step {self._sweeps}")
+        for done, number in enumerate(range(len(self._pairs)), 1):
+            yield self._pairs._pair(number)
+            report(done, len(self._pairs))
+
+
+def brightness(volume: Volume) -> float:
+    """Sum of v^2 over sum of |v|: the brightness of a typical voxel of a particle, however many particles there are; 0
+    without light."""
+    values = volume.values.ravel()
+    total = float(np.abs(values).sum(dtype=np.float64))
+    return float(np.square(values).sum(dtype=np.float64)) / total if total > 0 else 0.0
