@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from plenopiv.cameras.pinhole import PinholeCamera
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.pose import FRONT, Pose
+from plenopiv.displacement.ensemble import PairsOfVolumes, measure_ensemble
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.multigrid import Progress as CorrelationProgress
 from plenopiv.displacement.multigrid import measure
@@ -193,12 +194,16 @@ class Chain:
         Raises:
             PlenoPIVError: windows do not fit, or nothing is found.
         """
+        return measure(self.weighted(a), self.weighted(b), self.correlation, progress, self.solid)
+
+    def weighted(self, volume: SparseVolume) -> SparseVolume:
+        """What the correlation sees of a volume: planes near focus and voxels behind unusable pixels count less."""
         weights = self.plane_weights
         if weights is not None:
-            a, b = (volume.with_planes_scaled(weights) for volume in (a, b))
+            volume = volume.with_planes_scaled(weights)
         if (whole := self._whole) is not None:
-            a, b = (v.with_values(v.values * usable_share(self.projection, whole, v)) for v in (a, b))
-        return measure(a, b, self.correlation, progress, self.solid)
+            volume = volume.with_values(volume.values * usable_share(self.projection, whole, volume))
+        return volume
 
     def velocity(
         self,
@@ -214,3 +219,35 @@ class Chain:
             PlenoPIVError: as ``displacement``; ``dt_s`` is not positive.
         """
         return velocity_dataset(self.displacement(a, b, progress), self.grid, dt_s, time_s)
+
+    def ensemble(
+        self,
+        pairs: PairsOfVolumes[SparseVolume],
+        dt_s: float,
+        time_s: float = 0.0,
+        progress: CorrelationProgress | None = None,
+    ) -> xarray.Dataset:
+        """The one velocity field that many ``pairs`` of volumes share, each ``dt_s`` apart, in a steady or phase-locked
+        flow: their correlations are summed (``displacement.ensemble``), weighted as for ``velocity``. ``pairs[k]`` is
+        asked for several times, one pair is held at a time, so they may lie on disk.
+
+        Raises:
+            PlenoPIVError: there is no pair; else as ``velocity``.
+        """
+        found = measure_ensemble(_Weighted(self, pairs), self.correlation, progress, self.solid)
+        return velocity_dataset(found, self.grid, dt_s, time_s)
+
+
+@dataclass(frozen=True)
+class _Weighted:
+    """Pairs of volumes as the correlation sees them."""
+
+    chain: Chain
+    pairs: PairsOfVolumes[SparseVolume]
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def __getitem__(self, index: int) -> tuple[SparseVolume, SparseVolume]:
+        a, b = self.pairs[index]
+        return self.chain.weighted(a), self.chain.weighted(b)

@@ -32,7 +32,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numba
 import numpy as np
@@ -54,16 +54,21 @@ from plenopiv.volume import Volume, VoxelGrid
 PLANES_BYTES = 1 << 30  # of summed correlations held at once; a layer of windows at least
 
 
-class PairsOfVolumes(Protocol):
-    """As a sequence of pairs of volumes; each may be read anew whenever it is asked for."""
+AnyVolume = TypeVar("AnyVolume", bound=Volume, covariant=True)
 
-    def __len__(self) -> int: ...
 
-    def __getitem__(self, index: int, /) -> tuple[Volume, Volume]: ...
+class PairsOfVolumes(Protocol[AnyVolume]):
+    """A sequence of pairs of volumes; each may be read anew whenever it is asked for."""
+
+    def __len__(self) -> int:
+        """How many."""
+
+    def __getitem__(self, index: int, /) -> tuple[AnyVolume, AnyVolume]:
+        """Both volumes of a pair, from 0."""
 
 
 def measure_ensemble(
-    pairs: PairsOfVolumes,
+    pairs: PairsOfVolumes[Volume],
     settings: CorrelationSettings,
     progress: Progress | None = None,
     solid: Solid | None = None,
@@ -89,7 +94,7 @@ def measure_ensemble(
 class SummedPairs:
     """The passes' correlations, summed over pairs (``multigrid.Pairs``)."""
 
-    def __init__(self, pairs: PairsOfVolumes, settings: CorrelationSettings) -> None:
+    def __init__(self, pairs: PairsOfVolumes[Volume], settings: CorrelationSettings) -> None:
         self._pairs, self._exponent = pairs, settings.intensity_exponent
         self._brightness: list[tuple[float, float]] = []  # of each pair's volumes
         self.grid: VoxelGrid = pairs[0][0].grid
