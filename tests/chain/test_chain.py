@@ -10,6 +10,7 @@ from oracles.tomography import cubes, four_cameras
 
 from plenopiv.cameras.pose import FRONT, SIDE
 from plenopiv.chain import Chain
+from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError
 from plenopiv.reconstruction.settings import TOMOGRAPHY, ReconstructionSettings
@@ -108,6 +109,23 @@ def test_velocity_has_the_signs_and_units_of_the_motion():
         assert float(field[name].median()) == pytest.approx(moved_mm, abs=0.3 * voxel_mm)  # mm in 1 ms are m/s
     moved = chain.displacement(a, b)
     np.testing.assert_allclose(field.u, moved.displacement[0] * GRID.voxel_mm[0], rtol=1e-12)
+
+
+def test_an_ensemble_of_one_pair_is_that_pair_with_the_same_weights():
+    """Planes near focus and voxels behind a mask count less in both."""
+    sensor = plenoptic_chain().camera.sensor
+    masked = np.zeros((sensor.rows, sensor.columns), bool)
+    masked[: sensor.rows // 3] = True
+    chain = replace(plenoptic_chain(), unusable=(masked,), reconstruction=replace(SHORT, focus_reach=8.0))
+    volumes = tuple(chain.reconstruct(images).volume for images in plenoptic_frames(chain))
+    assert chain.plane_weights.min() < 0.9
+    assert np.ptp(chain.weighted(volumes[0]).values / volumes[0].values / chain.plane_weights.max()) > 0.2
+    one, many = chain.velocity(*volumes, 1e-3, 0.25), chain.ensemble([volumes], 1e-3, 0.25)
+    assert many.identical(one)
+    plain = measure(*volumes, chain.correlation)
+    assert not np.array_equal(plain.displacement[0] * GRID.voxel_mm[0], many.u[0])
+    twice = chain.ensemble([volumes, volumes], 1e-3)
+    np.testing.assert_allclose(twice.u[0], one.u[0], atol=1e-3)
 
 
 def test_planes_near_focus_count_less_for_one_plenoptic_camera_alone():

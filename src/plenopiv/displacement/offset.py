@@ -67,7 +67,7 @@ def summed_offset(
     for _ in range(MOVES + 1):
         if not moving.any():
             break
-        sums = np.zeros((*moving.shape, 3, 7))
+        sums = np.zeros((*moving.shape, 2, 7))
 
         def work(layer: int, part: NDArray, places: NDArray, both: Slabs, sums: NDArray = sums) -> None:
             own = sums[layer, part]

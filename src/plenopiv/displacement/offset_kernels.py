@@ -70,7 +70,7 @@ def add_sums(
     size: tuple[int, int, int],
     sums: NDArray[np.float64],
 ) -> None:
-    """Numerator of C, its denominator squared, and the sum of b^2: added to ``sums`` (3, 7).
+    """Numerator of C and its denominator squared: added to ``sums`` (2, 7), unless the second window is even.
 
     Of a window of volume ``a`` with the one of ``b`` at ``to``, and with those before and after it along z, y and x.
     Planes are copied into rows that follow one another, so that a plane's products are one sum.
@@ -98,16 +98,17 @@ def add_sums(
     count = nz * ny * nx
     mean = total / count
     for n in range(7):
-        sums[0, n] += products[n] - mean * light[n]
-        sums[1, n] += squares[n] - light[n] * light[n] / count
-        sums[2, n] += squares[n]
+        spread = squares[n] - light[n] * light[n] / count
+        if spread > 1e-6 * squares[n]:
+            sums[0, n] += products[n] - mean * light[n]
+            sums[1, n] += spread
 
 
 @part
 def normalise(sums: NDArray[np.float64], c: NDArray[np.float64]) -> None:
-    """C (7,) of ``sums``; 0 where the second window is even."""
+    """C (7,) of ``sums``; 0 where the second windows are even."""
     for n in range(7):
-        c[n] = sums[0, n] / np.sqrt(sums[1, n]) if sums[1, n] > 1e-6 * sums[2, n] else 0.0
+        c[n] = sums[0, n] / np.sqrt(sums[1, n]) if sums[1, n] > 0.0 else 0.0
 
 
 @part
@@ -120,7 +121,7 @@ def correlations(
     c: NDArray[np.float64],
 ) -> None:
     """C of the seven windows of ``add_sums``: ``c`` (7,)."""
-    sums = np.zeros((3, 7))
+    sums = np.zeros((2, 7))
     add_sums(a, b, at, to, size, sums)
     normalise(sums, c)
 
@@ -198,7 +199,7 @@ def add_to(
     whole: NDArray[np.int64],
     sums: NDArray[np.float64],
 ) -> None:
-    """Add those of one more pair to the ``sums`` (count, 3, 7) of windows that are ``whole`` (count, 3) voxels apart.
+    """Add those of one more pair to the ``sums`` (count, 2, 7) of windows that are ``whole`` (count, 3) voxels apart.
     Where they do not fit, the sums become NaN."""
     at, to = np.empty(3, np.int64), np.empty(3, np.int64)
     for n in range(corners.shape[0]):
