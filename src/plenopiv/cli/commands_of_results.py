@@ -64,3 +64,27 @@ def statistics(
     from plenopiv.cli.statistics import statistics
 
     _finish("statistics", statistics(results, phase, bins, period, out, lags, replaced, overwrite))
+
+
+@app.command()
+def export(
+    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="velocity.nc, or a volume that a run kept (.h5).")],
+    target: Annotated[Path, typer.Argument(metavar="TARGET", help="What to write: .vtkhdf or .txt.")],
+    z: Annotated[float | None, typer.Option(metavar="MM", help="The plane of vectors for OpenPIV.")] = None,
+    time: Annotated[int, typer.Option(metavar="N", min=0, help="Which of several times, from 0, for OpenPIV.")] = 0,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write a velocity field as other programs read it: ParaView and PyVista (.vtkhdf), OpenPIV's tools (.txt).
+
+    A .vtkhdf file holds all vectors and times, or every voxel of a volume; a .txt file the plane nearest to --z, y and
+    v upward (OpenPIV's physical frame), with its flags for replaced vectors.
+
+    \b
+    Example:
+        plenopiv export run7/results/velocity.nc run7/velocity.vtkhdf
+        plenopiv export run7/results/velocity.nc run7/plane.txt --z 1.5
+        plenopiv export run7/results/volume-a.h5 run7/volume-a.vtkhdf
+    """
+    from plenopiv.cli.export import export
+
+    _finish("export", export(source, target, z, time, overwrite))
