@@ -254,7 +254,7 @@ def inner(code):
 
 
 def test_globals_are_those_that_the_disassembler_finds(kernels):
-    assert len(kernels) > 100
+    assert len(kernels) > 60
     for k in kernels:
         found = [i.argval for code in inner(k.py_func.__code__) for i in dis.get_instructions(code)
                  if i.opname == "LOAD_GLOBAL"]  # fmt: skip

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.butterflies import LANES, butterfly, transpose
-from plenopiv.kernels import inlined, kernel, part
+from plenopiv.kernels import inlined, part, part_with_way_in
 
 RADICES = (4, 5, 3, 2)
 POINT = 2 * LANES  # floats of a complex point in working memory
@@ -97,7 +97,7 @@ def stage(
                 _butterfly_5(source, begin, gap, apart, target, end, to_gap, to_apart, twiddles, own)
 
 
-@kernel
+@part_with_way_in
 def transform(
     plan: Lines,
     source: NDArray[np.float32],

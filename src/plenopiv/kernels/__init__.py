@@ -12,12 +12,12 @@ from typing import Any
 
 from plenopiv.kernels.numba_internals import borrowed, compiled, intrinsic
 
-__all__ = ["borrowed", "inlined", "intrinsic", "kernel", "part", "plain_kernel", "plain_part"]
+__all__ = ["borrowed", "inlined", "intrinsic", "kernel", "part", "part_with_way_in", "plain_kernel", "plain_part"]
 
 FAST = {"reassoc", "nsz", "arcp", "contract", "afn"}  # without nnan and ninf: kernels may test for them
 PLAIN: dict[str, Any] = {"nogil": True, "no_cfunc_wrapper": True}
 FLAGS = PLAIN | {"fastmath": FAST, "error_model": "numpy"}  # an error model without exceptions lets loops vectorise
-NO_WAY_IN: dict[str, Any] = {"no_cpython_wrapper": True}  # making it is an eighth of all compilation
+NO_WAY_IN: dict[str, Any] = {"no_cpython_wrapper": True, "forceinline": True}
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -26,8 +26,14 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 
 def part(function: Callable[..., Any]) -> Any:
-    """Compile what kernels alone call, fast-math. Called from Python it is the plain Python that it is written in."""
+    """Compile what kernels alone call, fast-math, into each of them: results then have the same bits whether a kernel
+    was compiled in this process or loaded. Called from Python it is the plain Python that it is written in."""
     return compiled(function, FLAGS | NO_WAY_IN)
+
+
+def part_with_way_in(function: Callable[..., Any]) -> Any:
+    """``part`` that is called from Python too, compiled in each process that does."""
+    return compiled(function, FLAGS | {"forceinline": True})
 
 
 def inlined(function: Callable[..., Any]) -> Any:

@@ -1,7 +1,7 @@
 """All that PlenoPIV uses of Numba's private parts; pyproject.toml bounds Numba's version for its sake.
 
-- ``CPUDispatcher``: what ``numba.njit`` makes of a function. ``Kernel`` replaces the cache behind it (``store``), lets
-  one process at a time compile a function, and calls functions that have no way in from Python as plain Python.
+- ``CPUDispatcher``: what ``numba.njit`` makes of a function. ``Kernel`` replaces the cache behind it (``store``) and
+  lets one process at a time compile a function; ``Part`` calls functions that have no way in as plain Python.
 - ``CompileResult._reduce`` and ``_rebuild``: compiled code as something that pickles, and back.
 - ``numba.core.event``: when Numba compiles.
 - ``cgutils``: loops and slots of the stack in LLVM's terms.
@@ -26,7 +26,7 @@ from numba.core.serialize import dumps
 from plenopiv.kernels.sources import Unknown, text_of
 from plenopiv.kernels.store import Store, folder
 
-__all__ = ["Kernel", "Part", "borrowed", "cgutils", "compiled", "event", "intrinsic"]
+__all__ = ["Inlined", "Kernel", "Part", "borrowed", "cgutils", "compiled", "event", "intrinsic"]
 
 
 def _optimise_as_set() -> None:
@@ -53,7 +53,17 @@ class Kernel(CPUDispatcher):
             self._cache.store.release(sig)
 
 
-class Part(Kernel):
+class Inlined(CPUDispatcher):
+    """A function whose code is that of its callers, into each of which LLVM inlines it. It is not kept: what is loaded
+    cannot be inlined, and a call of it rounds otherwise."""
+
+    def compile(self, sig: Any) -> Any:
+        """What callers inline, for one signature."""
+        _optimise_as_set()
+        return super().compile(sig)
+
+
+class Part(Inlined):
     """One without a way in from Python, which would fall into the void."""
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
@@ -92,7 +102,7 @@ def compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     """As ``numba.njit(cache=True, **options)``, which takes neither a dispatcher nor a cache of one's own."""
     if config.DISABLE_JIT:
         return function
-    kind = Part if options.get("no_cpython_wrapper") else Kernel
+    kind = Part if options.get("no_cpython_wrapper") else Inlined if options.get("forceinline") else Kernel
     return kind(function, locals={}, targetoptions={"nopython": True, "boundscheck": None, **options})
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.kernels import inlined, kernel, part
+from plenopiv.kernels import inlined, part, part_with_way_in
 from plenopiv.projection.correction import factor_of
 from plenopiv.projection.plenoptic.plane_maps.maps import MapShape
 from plenopiv.projection.plenoptic.plane_maps.simd import add_products, row_products
@@ -90,7 +90,7 @@ def spread_separable(
             add_scaled(buffer[0], down[n], width - 2, strip[origin + n * width :])
 
 
-@kernel
+@part_with_way_in
 def spread_rows(
     plane_weights: tuple[NDArray[np.float32], NDArray[np.float32], int],
     shape: MapShape,
@@ -159,7 +159,7 @@ def sum_separable(
         out[v] = out[v] * factor_of(total, multiply) if multiply else total
 
 
-@kernel
+@part_with_way_in
 def sum_rows(
     plane_weights: tuple[NDArray[np.float32], NDArray[np.float32], int],
     shape: MapShape,
