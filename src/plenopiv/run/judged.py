@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from plenopiv.calibration import LatticeFit
 from plenopiv.checks import CheckResult, Finding, PairCheck, check, common, explained
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
@@ -66,11 +67,12 @@ class PairJudge:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the checks say of a whole recording, and what judges its pairs. ``findings``: those that are not good."""
+    """What the checks say of a whole recording, and what judges its pairs. ``findings``: those that are not good.
+    ``lattice``: of the white image, where one was looked for and found."""
 
-    check: CheckResult
     pairs: PairJudge
     findings: list[Finding]
+    lattice: LatticeFit | None = None
 
     def summary(self, recording: Recording, records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         """What ``summary.json`` holds of it; ``records`` of all pairs (``PairRecord``). Of each kind of finding the
@@ -95,7 +97,7 @@ class Judgement:
 
 def warnings_of(record: Mapping[str, Any]) -> list[str]:
     """What is to be warned of in a pair: what was said while it was measured, findings, and why it was set aside."""
-    said = [*record["warnings"], *(line_of(finding) for finding in record["findings"])]
+    said = [*record["warnings"], *record["field_warnings"], *(line_of(finding) for finding in record["findings"])]
     if record["set_aside"] is not None:
         which = " and ".join(printable(entry["name"]) for entry in record["frames"])
         said.append(f"the pair {which} is set aside: {record['set_aside']}")
@@ -140,7 +142,8 @@ def judged(experiment: Experiment, recording: Recording, force: bool, progress: 
     findings = [finding for finding in findings if finding.severity != "good"]
     for finding in findings:
         warnings.warn(line_of(asdict(finding)), PlenoPIVWarning, stacklevel=3)
-    return Judgement(found, PairJudge(force, pairs, tuple(finding.severity for finding in findings)), findings)
+    judge = PairJudge(force, pairs, tuple(finding.severity for finding in findings))
+    return Judgement(judge, findings, found.lattice)
 
 
 def _unusable(found: CheckResult) -> list[Finding]:

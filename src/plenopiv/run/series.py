@@ -6,41 +6,34 @@ the run, and the next one of the same inputs goes on from there.
 
 from __future__ import annotations
 
-import json
 import logging
-import shutil
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
-from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from plenopiv.displacement.windows import window_grid
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.io.series_folder import SeriesFolder
 from plenopiv.recording import Recording
-from plenopiv.run import duration
 from plenopiv.run.calibrated import calibrated_chain
 from plenopiv.run.frame import Progress
 from plenopiv.run.in_turn import in_turn
 from plenopiv.run.inputs import changed_frame, stated_inputs, with_calibration
-from plenopiv.run.judged import Told, judged
+from plenopiv.run.judged import judged
 from plenopiv.run.log import Clock, kept_warnings
 from plenopiv.run.pair import Job
-from plenopiv.run.plan import Plan, plan
+from plenopiv.run.plan import plan
 from plenopiv.run.shown import Shown
-from plenopiv.run.written import Score, source, summary_of, write_results
+from plenopiv.run.stored import StoredSeries, ask_for_space, summary_there, tell_kept, tell_plan
+from plenopiv.run.written import Score, source
 
 if TYPE_CHECKING:
     import xarray
 
 log = logging.getLogger("plenopiv")
-BYTES_A_VECTOR = 80.0  # of a pair's file, at most
-BYTES_A_VOXEL = 5.0  # kept, of a volume's file
-LEAST_KEPT = 0.01  # share of the voxels that a volume keeps
 
 
 @dataclass(frozen=True)
@@ -103,48 +96,30 @@ def run(
             judgement = judged(experiment, recording, force, report)
         with clock("calibration"):
             stage = partial(report, "static light of the frames")
-            chain, recording, calibration = calibrated_chain(experiment, recording, judgement.check.lattice, stage)
+            chain, recording, calibration = calibrated_chain(experiment, recording, judgement.lattice, stage)
         _tell_static_light(calibration)
         inputs = with_calibration(inputs, chain, recording)
         folder.settle(inputs)
         _keep_unchanged(folder, recording)
         if folder.is_complete:
-            log.info("%s: complete, and nothing has changed; nothing to do", folder.directory)
-            return _as_it_is(folder, recording)
+            return RunResult(summary_there(folder), folder.directory, (len(recording.pairs), len(recording.pairs)))
         planned = plan(chain, memory_gb)
         left = [number for number in wanted if number not in folder.finished]
-        _tell_plan(planned, recording, left)
-        _ask_for_space(folder, planned, recording, left, experiment.output.volumes)
+        tell_plan(planned, recording, left)
+        ask_for_space(folder, planned, recording, left, experiment.output.volumes)
 
         job = Job(planned.chain, recording, judgement.pairs, folder.work, source(experiment), experiment.output.volumes)
         before = [str(w.message) for w in caught]
-        told, shown = Told(judgement.findings, before), Shown(planned.chain, recording, clock, folder.finished)
-        try:
-            for done, record in enumerate(in_turn(job, left, planned, clock, report, shown), 1):
-                kept = folder.store(record.content(), record.files)
-                for said in told.add(kept):
-                    warnings.warn(said, PlenoPIVWarning, stacklevel=2)
-                if len(left) > 1:
-                    report("pairs", done, len(left))
-        except BaseException:
-            _tell_kept(folder, recording)
-            raise
+        shown = Shown(planned.chain, recording, clock, folder.finished)
+        series = StoredSeries(
+            folder, experiment, recording, inputs, judgement, calibration, planned, clock, report, before
+        )
+        series.store(in_turn(job, left, planned, clock, report, shown), len(left))
         if pairs is not None:
             done = sum(number in folder.finished for number in range(len(recording.pairs)))
             return RunResult({}, folder.directory, (done, len(recording.pairs)))
-        records = [folder.finished[number] for number in range(len(recording.pairs))]
-        if all(record["set_aside"] is not None for record in records):
-            folder.discard()
-            raise PlenoPIVError(f"no pair can be measured: {records[0]['set_aside']}")
-        told = Told(judgement.findings, before)
-        for entry in records:
-            told.add(entry)
-        summary = summary_of(experiment, recording, records, calibration, judgement, planned, told.said, clock)
-        summary |= {"inputs_sha256": folder.depends}
-        first = shown.of(records, report)
-        files = write_results(folder, experiment, recording, records, summary, first, score, clock)
-        folder.publish(files, inputs)
-    return RunResult(summary, experiment.output_directory, (len(records), len(records)))
+        summary = series.put_together(shown.of, score)
+    return RunResult(summary, experiment.output_directory, (len(recording.pairs), len(recording.pairs)))
 
 
 def _wanted(recording: Recording, pairs: tuple[int, int] | None) -> list[int]:
@@ -182,17 +157,7 @@ def _keep_unchanged(folder: SeriesFolder, recording: Recording) -> None:
                 "output.directory"
             )
         del folder.finished[number]
-    for words in folder.words:
-        log.info("%s", words)
-    if folder.finished:
-        log.info("%d of %d pairs are finished and whole: they are kept", len(folder.finished), len(recording.pairs))
-
-
-def _as_it_is(folder: SeriesFolder, recording: Recording) -> RunResult:
-    """The results that are there."""
-    folder.discard()
-    summary = json.loads((folder.directory / "summary.json").read_text(encoding="utf-8"))
-    return RunResult(summary, folder.directory, (len(recording.pairs), len(recording.pairs)))
+    tell_kept(folder, recording)
 
 
 def _tell_static_light(calibration: Mapping[str, Any]) -> None:
@@ -202,37 +167,3 @@ def _tell_static_light(calibration: Mapping[str, Any]) -> None:
             "particles give a pixel on the mean",
             *(stated[key] for key in ("frames", "error_counts", "particle_light_left_counts", "particle_light_counts")),
         )
-
-
-def _tell_plan(planned: Plan, recording: Recording, left: Sequence[int]) -> None:
-    frames = {k for number in left for k in recording.pairs[number]}
-    log.info("memory: about %.2g GB", planned.needed.peak / 1e9)
-    log.info("time: about %s", duration.as_text(planned.takes.run(len(frames), len(left))))
-
-
-def _ask_for_space(
-    folder: SeriesFolder, planned: Plan, recording: Recording, left: Sequence[int], volumes: bool
-) -> None:
-    """Compare the space on disk with what the files of the pairs take at least.
-
-    Raises:
-        PlenoPIVError: it does not suffice.
-    """
-    grid, correlation = planned.chain.grid, planned.chain.correlation
-    vectors = prod(window_grid(grid.shape, correlation.windows[-1], correlation.overlap).shape)
-    needed = len(left) * vectors * BYTES_A_VECTOR
-    if volumes:
-        frames = {k for number in left for k in recording.pairs[number]}
-        needed += len(frames) * BYTES_A_VOXEL * LEAST_KEPT * grid.size
-    free = shutil.disk_usage(folder.work).free
-    if needed > free:
-        raise PlenoPIVError(
-            f"{folder.directory}: its disk has {free / 1e9:.2g} GB left, {len(left)} pairs take about "
-            f"{needed / 1e9:.2g} GB; make room, or take another output.directory"
-        )
-
-
-def _tell_kept(folder: SeriesFolder, recording: Recording) -> None:
-    if folder.finished:
-        done, count = len(folder.finished), len(recording.pairs)
-        log.info("%d of %d pairs are finished and kept; the same command goes on from there", done, count)

@@ -1,0 +1,142 @@
+"""Pairs of a series stored as they come, and put together when all are there: what every way to measure them shares."""
+
+from __future__ import annotations
+
+import json
+import logging
+import shutil
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import prod
+from typing import Any
+
+from plenopiv.displacement.windows import window_grid
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.experiment import Experiment
+from plenopiv.io.series_folder import SeriesFolder
+from plenopiv.recording import Recording
+from plenopiv.run import duration
+from plenopiv.run.frame import Progress
+from plenopiv.run.judged import Judgement, Told
+from plenopiv.run.log import Clock
+from plenopiv.run.pair import PairRecord
+from plenopiv.run.plan import Plan
+from plenopiv.run.shown import FirstFrame
+from plenopiv.run.written import Record, Score, summary_of, write_results
+
+log = logging.getLogger("plenopiv")
+BYTES_A_VECTOR = 80.0  # of a pair's file, at most
+BYTES_A_VOXEL = 5.0  # kept, of a volume's file
+LEAST_KEPT = 0.01  # share of the voxels that a volume keeps
+
+
+@dataclass
+class StoredSeries:
+    """The pairs of a recording in their results folder, which has been settled with ``inputs``. ``calibration``: as
+    summary.json has it. ``warned``: what was warned of before."""
+
+    folder: SeriesFolder
+    experiment: Experiment
+    recording: Recording
+    inputs: Mapping[str, Any]
+    judgement: Judgement
+    calibration: Mapping[str, Any]
+    planned: Plan
+    clock: Clock
+    report: Progress
+    warned: Sequence[str] = ()
+
+    def store(self, records: Iterable[PairRecord], count: int) -> None:
+        """Keep the records of ``count`` pairs as they come, and tell what is new in them.
+
+        Raises:
+            PlenoPIVError: the folder cannot be written; as ``records`` do. What was kept before stays.
+        """
+        told = Told(self.judgement.findings, self.warned)
+        try:
+            for done, record in enumerate(records, 1):
+                kept = self.folder.store(record.content(), record.files)
+                for said in told.add(kept):
+                    warnings.warn(said, PlenoPIVWarning, stacklevel=3)
+                if count > 1:
+                    self.report("pairs", done, count)
+        except BaseException:
+            if self.folder.finished:
+                done, count = len(self.folder.finished), len(self.recording.pairs)
+                log.info("%d of %d pairs are finished and kept; the same command goes on from there", done, count)
+            raise
+
+    def put_together(
+        self,
+        first: Callable[[Sequence[Record], Progress], FirstFrame],
+        score: Score | None = None,
+        more: Mapping[str, Any] | None = None,
+    ) -> dict[str, Any]:
+        """Make the results of all pairs' records, and move them into place; returns the summary, with ``more`` in it.
+        ``first``: makes what the report shows of the first frame.
+
+        Raises:
+            PlenoPIVError: no pair could be measured, or a file cannot be written.
+        """
+        folder, recording = self.folder, self.recording
+        records = [folder.finished[number] for number in range(len(recording.pairs))]
+        if all(record["set_aside"] is not None for record in records):
+            folder.discard()
+            raise PlenoPIVError(f"no pair can be measured: {records[0]['set_aside']}")
+        told = Told(self.judgement.findings, self.warned)
+        for entry in records:
+            told.add(entry)
+        summary = summary_of(
+            self.experiment, recording, records, self.calibration, self.judgement, self.planned, told.said, self.clock
+        )
+        summary |= {"inputs_sha256": folder.depends} | dict(more or {})
+        shown = first(records, self.report)
+        files = write_results(folder, self.experiment, recording, records, summary, shown, score, self.clock)
+        folder.publish(files, self.inputs)
+        return summary
+
+
+def summary_there(folder: SeriesFolder) -> dict[str, Any]:
+    """The summary of results that are complete, where nothing has changed and nothing is to be done."""
+    log.info("%s: complete, and nothing has changed; nothing to do", folder.directory)
+    folder.discard()
+    found: dict[str, Any] = json.loads((folder.directory / "summary.json").read_text(encoding="utf-8"))
+    return found
+
+
+def tell_kept(folder: SeriesFolder, recording: Recording) -> None:
+    """Say what was found damaged, and how many pairs are kept."""
+    for words in folder.words:
+        log.info("%s", words)
+    if folder.finished:
+        log.info("%d of %d pairs are finished and whole: they are kept", len(folder.finished), len(recording.pairs))
+
+
+def tell_plan(planned: Plan, recording: Recording, left: Sequence[int]) -> None:
+    """Say what memory and time the pairs ``left`` take."""
+    frames = {k for number in left for k in recording.pairs[number]}
+    log.info("memory: about %.2g GB", planned.needed.peak / 1e9)
+    log.info("time: about %s", duration.as_text(planned.takes.run(len(frames), len(left))))
+
+
+def ask_for_space(
+    folder: SeriesFolder, planned: Plan, recording: Recording, left: Sequence[int], volumes: bool = False
+) -> None:
+    """Compare the space on disk with what the files of the pairs take at least.
+
+    Raises:
+        PlenoPIVError: it does not suffice.
+    """
+    grid, correlation = planned.chain.grid, planned.chain.correlation
+    vectors = prod(window_grid(grid.shape, correlation.windows[-1], correlation.overlap).shape)
+    needed = len(left) * vectors * BYTES_A_VECTOR
+    if volumes:
+        frames = {k for number in left for k in recording.pairs[number]}
+        needed += len(frames) * BYTES_A_VOXEL * LEAST_KEPT * grid.size
+    free = shutil.disk_usage(folder.work).free
+    if needed > free:
+        raise PlenoPIVError(
+            f"{folder.directory}: its disk has {free / 1e9:.2g} GB left, {len(left)} pairs take about "
+            f"{needed / 1e9:.2g} GB; make room, or take another output.directory"
+        )
