@@ -13,6 +13,7 @@ from plenopiv.velocity import replaced_share
 if TYPE_CHECKING:
     import xarray
 
+NAME = "unrelated"
 MOST_REPLACED = 0.5  # of the vectors: of frames that have nothing in common 0.85 to 0.95
 MANY_REPLACED = 0.25
 CLEAR_PEAK = 2.0  # median ratio of the highest peak to the next; 1.2 of frames that have nothing in common
@@ -30,4 +31,4 @@ def finding(velocity: xarray.Dataset, names: Sequence[str]) -> Finding | None:
     nothing = share > MOST_REPLACED and ratio < CLEAR_PEAK
     has = "have nothing in common" if nothing else "have little in common"
     words = f"{names[0]} and {names[1]} {has}: {100 * share:.0f} % of the vectors had to be replaced"
-    return Finding("unrelated", "unusable" if nothing else "warning", words, 100 * share, "%", ADVICE)
+    return Finding(NAME, "unusable" if nothing else "warning", words, 100 * share, "%", ADVICE)

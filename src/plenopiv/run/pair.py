@@ -1,5 +1,8 @@
 """A pair of frames correlated, judged and written: what a series repeats.
 
+Kept volumes are written as their frames are reconstructed. Both pairs that a frame of a sequence belongs to have its
+file in their records, since either may be the only one that is measured.
+
 A ``Job`` is plain data that pickles, so that its frames and pairs can be measured anywhere.
 """
 
@@ -20,6 +23,7 @@ from plenopiv.recording import Recording
 from plenopiv.run.frame import Frame, LostFrame, Progress, caught_warnings, reconstructed
 from plenopiv.run.judged import PairJudge
 from plenopiv.velocity import replaced, vectors_inside_body
+from plenopiv.volume import SparseVolume
 
 if TYPE_CHECKING:
     import xarray
@@ -28,14 +32,15 @@ if TYPE_CHECKING:
 @dataclass
 class PairRecord:
     """What is kept of a pair beside its field: the frames' entries in the manifest, why it was ``set_aside`` if it was,
-    findings that are not good, warnings, summaries of the frames, and numbers of the field. ``files``: names in the
-    results folder of what was written."""
+    findings that are not good, warnings of the frames and of the field, summaries of the frames, and numbers of the
+    field. ``files``: names in the results folder of what was written."""
 
     pair: int
     frames: list[dict[str, Any]]
     set_aside: str | None = None
     findings: list[dict[str, Any]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    field_warnings: list[str] = field(default_factory=list)
     summaries: dict[str, dict[str, Any]] = field(default_factory=dict)
     numbers: dict[str, Any] = field(default_factory=dict)
     files: list[str] = field(default_factory=list)
@@ -58,12 +63,18 @@ class Job:
     volumes: bool = False
 
     def frame(self, number: int, progress: Progress) -> Frame | LostFrame:
-        """Frame ``number`` (from 0), reconstructed."""
+        """Frame ``number`` (from 0), reconstructed, and its volume written where volumes are kept.
+
+        Raises:
+            PlenoPIVError: that cannot be written.
+        """
         with caught_warnings() as said:
             try:
                 found = reconstructed(self.chain, self.recording, number, progress)
             except PlenoPIVError as error:
                 return LostFrame(number, self.recording.frames[number], str(error), tuple(said))
+        if self.volumes:
+            write_volume(self._path(volume_file(self.recording, number)), found.found.volume)
         return Frame(number, found.source, found.image, found.found, found.unexplained, tuple(said))
 
     def not_asked(self, number: int) -> LostFrame:
@@ -81,24 +92,33 @@ class Job:
             record.set_aside = next(one.reason for one in (before, after) if isinstance(one, LostFrame) and one.reason)
             return record
         if self.volumes:
-            record.files += [self._volume(frame) for frame in self._own(number, before, after)]
+            record.files += [volume_file(self.recording, frame.number) for frame in (before, after)]
         found, record.set_aside = self.judge.of_images(before, after)
         record.findings += map(asdict, found)
         if record.set_aside is not None:
             return record
         record.summaries = {frame.name: frame.summary() for frame in (before, after)}
+        return self.measured(record, before.found.volume, after.found.volume, progress)
+
+    def measured(self, record: PairRecord, a: SparseVolume, b: SparseVolume, progress: Progress) -> PairRecord:
+        """Measure the field between the volumes of a pair's frames, judge and write it, and complete its record.
+
+        Raises:
+            PlenoPIVError: a file cannot be written; nothing is found in the only pair.
+        """
+        number, names = record.pair, (record.frames[0]["name"], record.frames[1]["name"])
         with caught_warnings() as said:
             try:
                 time_s = self.recording.mid_time_s(number)
-                velocity = velocity_between(self.chain, before, after, self.recording.dt_s, time_s, progress)
+                velocity = self.chain.velocity(a, b, self.recording.dt_s, time_s, progress)
             except PlenoPIVError as error:
                 if len(self.recording.pairs) == 1:
                     raise
                 record.set_aside = str(error)
                 return record
             finally:
-                record.warnings += said
-        found, record.set_aside = self.judge.of_field(velocity, (before.name, after.name))
+                record.field_warnings += said
+        found, record.set_aside = self.judge.of_field(velocity, names)
         record.findings += map(asdict, found)
         if record.set_aside is not None:
             return record
@@ -109,15 +129,6 @@ class Job:
         write_velocity(self._path(name), velocity)
         record.files.append(name)
         return record
-
-    def _own(self, number: int, *frames: Frame) -> list[Frame]:
-        """The frames that no earlier pair has."""
-        return [frame for frame in frames if all(frame.number not in pair for pair in self.recording.pairs[:number])]
-
-    def _volume(self, frame: Frame) -> str:
-        name = volume_file(self.recording, frame.number)
-        write_volume(self._path(name), frame.found.volume)
-        return name
 
     def _path(self, name: str) -> Path:
         path = self.folder / name
@@ -148,14 +159,3 @@ def numbers_of(velocity: xarray.Dataset, voxel_mm: tuple[float, float, float], d
         ],
         "largest_velocity_m_s": float(np.nanmax(speed.values)),
     }
-
-
-def velocity_between(
-    chain: Chain, before: Frame, after: Frame, dt_s: float, time_s: float, progress: Progress
-) -> xarray.Dataset:
-    """The velocity field from one frame to another, ``dt_s`` later, at mid-time ``time_s``.
-
-    Raises:
-        PlenoPIVError: nothing is found.
-    """
-    return chain.velocity(before.found.volume, after.found.volume, dt_s, time_s, progress)
