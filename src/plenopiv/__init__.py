@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0.dev0"
-__all__ = ["PlenoPIVError", "PlenoPIVWarning", "compare", "load", "process", "statistics_of"]
+__all__ = ["PlenoPIVError", "PlenoPIVWarning", "compare", "correlate", "load", "process", "statistics_of"]
 
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 
@@ -47,6 +47,14 @@ def compare(a: str, b: str) -> Comparison:
     from plenopiv.run.compared import compare as compare_results
 
     return compare_results(a, b)
+
+
+def correlate(results: str, **options: Any) -> RunResult:
+    """Measure vectors again from the volumes of a results folder, with other keys of [correlation]; see
+    ``plenopiv.run.correlate.correlate``."""
+    from plenopiv.run.correlate import correlate as measure_again
+
+    return measure_again(results, **options)
 
 
 def statistics_of(results: str, **options: Any) -> xarray.Dataset:

@@ -141,6 +141,8 @@ class Chain:
     @cached_property
     def _whole(self) -> Projection | None:
         """The projection, were all pixels usable; None where so few are lost that it makes no difference."""
+        if all(masked is None for masked in self.unusable):
+            return None  # without a projection, which takes as long as half a pass
         projection = self.projection
         if not isinstance(projection, PlenopticProjector | SeveralCameras) or projection.lost_share < LOST:
             return None

@@ -36,6 +36,41 @@ def compare(
 
 
 @app.command()
+def correlate(
+    results: Annotated[Path, typer.Argument(metavar="RESULTS", help="A run's results folder, with volumes.")],
+    windows: Annotated[
+        str | None, typer.Option(metavar="SIZES", help="Voxels along x, y, z, coarse to fine: 64x64x16,48x48x12.")
+    ] = None,
+    overlap: Annotated[float | None, typer.Option(metavar="SHARE", help="Of neighbouring windows: 0 to 0.9.")] = None,
+    inner_window: Annotated[
+        str | None, typer.Option(metavar="SIZE", help="Sub-windows; the last window's size for none.")
+    ] = None,
+    coarse_passes: Annotated[int | None, typer.Option(metavar="N", help="Passes with each coarse window.")] = None,
+    fine_passes: Annotated[int | None, typer.Option(metavar="N", help="Passes with the finest window.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Results folder; default: beside RESULTS, named by the windows.")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Measure again with other windows, from the volumes that a run kept: nothing is reconstructed.
+
+    The run must have had output.volumes = true in its experiment file. The vectors are those of a whole run with these
+    windows, bit for bit; the results are a folder of its own, and RESULTS is not touched. Options that are left out
+    are as in the run, and sub-windows follow the last window. Finished pairs are kept, whatever ends it.
+
+    \b
+    Example:
+        plenopiv correlate run7/results --windows 96x96x24,48x48x12
+        plenopiv compare run7/results run7/results-96x96x24-48x48x12
+        plenopiv correlate run7/results --windows 64x64x16 --overlap 0.75 --out run7/finer
+    """
+    from plenopiv.cli.correlate import correlate
+
+    numbers = {"overlap": overlap, "coarse_passes": coarse_passes, "fine_passes": fine_passes}
+    _finish("correlate", correlate(results, windows, inner_window, out, overwrite, **numbers))
+
+
+@app.command()
 def statistics(
     results: Annotated[Path, typer.Argument(metavar="RESULTS", help="A run's results folder, or its velocity.nc.")],
     phase: Annotated[

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from plenopiv.cli.progress import Progress
 from plenopiv.cli.terminal import Outcome, command_line
 from plenopiv.errors import PlenoPIVError, printable
 from plenopiv.experiment import Experiment
+
+if TYPE_CHECKING:
+    from plenopiv.run.series import RunResult
 
 LISTED = 20  # pairs set aside that are named on the terminal
 SET_ASIDE = 3  # exit code of a run that measured some of the pairs
@@ -28,17 +32,22 @@ def run(
 
     with Progress() as progress:
         result = run_series(experiment, progress, overwrite, memory_gb=memory_gb, force=force, pairs=chosen)
-    folder, summary = experiment.output_directory, result.summary
     if chosen is not None:
         done, count = result.measured
         text = f"{done} of {count} pairs are finished; {command_line('run', file)} puts them together"
         return Outcome(text, {"finished": done, "pairs": count})
+    return told(result)
+
+
+def told(result: RunResult) -> Outcome:
+    """What a finished run prints."""
+    folder, summary = result.directory, result.summary
     replaced, warned = f"{100 * summary['replaced_share']:.1f} %", len(summary["warnings"])
-    told, aside = summary["not_in_images"], summary["set_aside"]
-    moved = ", ".join(f"{voxels:.2g}" for voxels in told["largest_displacement_voxels"])
+    facts, aside = summary["not_in_images"], summary["set_aside"]
+    moved = ", ".join(f"{voxels:.2g}" for voxels in facts["largest_displacement_voxels"])
     lines = [
-        f"displacements of up to ({moved}) voxels along (x, y, z), {told['largest_velocity_m_s']:.3g} m/s at "
-        f'dt = {told["dt_s"]:g} s, orientation "{told["orientation"]}": no image tells whether these two are right'
+        f"displacements of up to ({moved}) voxels along (x, y, z), {facts['largest_velocity_m_s']:.3g} m/s at "
+        f'dt = {facts["dt_s"]:g} s, orientation "{facts["orientation"]}": no image tells whether these two are right'
     ]
     if aside:
         lines.append(f"{len(aside)} of {summary['pairs']} pairs set aside:")

@@ -7,10 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plenopiv.calibration import LatticeFit, find_lattice
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.chain import Chain
+from plenopiv.displacement.solid import Solid
 from plenopiv.experiment import Experiment
 from plenopiv.lightfield import decode, layout
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
@@ -61,11 +63,19 @@ def calibrated_chain(
     camera, found = calibrated_camera(experiment, recording, fit)
     if recording.background_of_frames:
         recording, found["static_light"] = with_static_light(recording, camera, progress)
-    reconstruction, correlation = experiment.reconstruction.settings(), experiment.correlation.settings()
-    unusable = () if recording.unusable is None else (recording.unusable,)
-    chain = Chain((camera,), experiment.grid(), reconstruction, correlation, unusable=unusable, solid=solid)
+    chain = chain_of(experiment, camera, recording.unusable, solid)
     where, white = chain.layout, recording.white()  # the projection is made now, the layout once
     return (chain if white is None else chain.with_noise(counts_per_electron(decode(white, where)))), recording, found
+
+
+def chain_of(
+    experiment: Experiment, camera: PlenopticCamera, unusable: NDArray[np.bool_] | None, solid: Solid | None
+) -> Chain:
+    """The chain of an experiment and its calibrated ``camera``, of unknown noise. ``unusable``: pixels (rows, columns)
+    that are no equations; ``solid``: what a body fills."""
+    reconstruction, correlation = experiment.reconstruction.settings(), experiment.correlation.settings()
+    masks = () if unusable is None else (unusable,)
+    return Chain((camera,), experiment.grid(), reconstruction, correlation, unusable=masks, solid=solid)
 
 
 def with_static_light(

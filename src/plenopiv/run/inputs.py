@@ -32,28 +32,37 @@ def stated_inputs(experiment: Experiment, recording: Recording, force: bool) -> 
     tables = experiment.model_dump(by_alias=True, exclude_none=True)
     tables.pop("simulation", None)
     tables["output"].pop("directory", None)
-    paths = [recording.white_path, *recording.calibration_paths]
-    paths += [recording.mask] if isinstance(recording.mask, Path) else []
-    paths += [experiment.folder / experiment.volume.body] if experiment.volume.body else []
     return {
         "versions": {name: known[name] for name in COMPUTING},
         "device": "cpu",
         "force": force,
         "settings": plain(tables),
-        "files": {path.name: _of_file(path) for path in paths if path is not None},
+        "files": calibrating_files(experiment, recording),
     }
+
+
+def calibrating_files(experiment: Experiment, recording: Recording) -> dict[str, str | None]:
+    """Hashes of the images that calibrate, of mask and body, by name; None of a file that cannot be read."""
+    paths = [recording.white_path, *recording.calibration_paths]
+    paths += [recording.mask] if isinstance(recording.mask, Path) else []
+    paths += [experiment.folder / experiment.volume.body] if experiment.volume.body else []
+    return {path.name: _of_file(path) for path in paths if path is not None}
 
 
 def with_calibration(inputs: Mapping[str, Any], chain: Chain, recording: Recording) -> dict[str, Any]:
     """The same, and what calibration made of the images: lattice, shot noise, pixels left out, static light."""
+    return {**inputs, "calibration": calibration_of(chain, recording)}
+
+
+def calibration_of(chain: Chain, recording: Recording) -> dict[str, Any]:
+    """What calibration made of the images, for comparison."""
     static = recording.static_light
     arrays = [*chain.unusable, *([] if static is None else [static.dark, *(static.pulses or ())])]
-    found = {
+    return {
         "cameras": repr(chain.cameras),
         "counts_per_electron": repr(chain.counts_per_electron),
         "images": [None if array is None else of_image(array) for array in arrays],
     }
-    return {**inputs, "calibration": found}
 
 
 def of_image(image: NDArray) -> str:

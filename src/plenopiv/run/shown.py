@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from plenopiv.recording import Recording
 from plenopiv.report import light_field_stacks, projections, raw_crops, volume_stack
 from plenopiv.run.frame import Frame, LostFrame, Progress, reconstructed
 from plenopiv.run.log import Clock
+from plenopiv.volume import SparseVolume
 
 
 @dataclass(frozen=True)
@@ -57,3 +58,29 @@ class Shown:
             frame = reconstructed(self.chain, self.recording, self.recording.pairs[first][0], report)
             self._taken = first, FirstFrame.of(self.chain, frame, self.clock)
         return self._taken[1]
+
+
+class VolumeShown:
+    """The same where there are volumes alone: the first pair's first volume, taken while it passes or read again
+    (``volume``: that of a pair's first frame)."""
+
+    def __init__(self, volume: Callable[[int], SparseVolume], clock: Clock) -> None:
+        self.volume, self.clock = volume, clock
+        self._taken: tuple[int, FirstFrame] | None = None
+
+    def see(self, number: int, volume: SparseVolume) -> None:
+        """Take the first volume of a pair, where there was none before."""
+        if self._taken is None:
+            self._take(number, volume)
+
+    def of(self, records: Sequence[Mapping[str, Any]], report: Progress) -> FirstFrame:
+        """Of the first pair with summaries of its frames in ``records`` of all pairs."""
+        first = next(record["pair"] for record in records if record["summaries"])
+        if self._taken is None or self._taken[0] != first:
+            self._take(first, self.volume(first))
+        assert self._taken is not None
+        return self._taken[1]
+
+    def _take(self, number: int, volume: SparseVolume) -> None:
+        with self.clock("report"):
+            self._taken = number, FirstFrame((), projections(volume), [volume_stack(volume)])

@@ -1,0 +1,47 @@
+"""``plenopiv correlate``: vectors from the volumes that a run kept, with other windows."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from plenopiv.cli.progress import Progress
+from plenopiv.cli.run import told
+from plenopiv.cli.terminal import Outcome
+from plenopiv.errors import PlenoPIVError
+
+SIZE = r"\d{1,5}x\d{1,5}x\d{1,5}"
+
+
+def correlate(
+    results: Path, windows: str | None, inner_window: str | None, out: Path | None, overwrite: bool, **others: Any
+) -> Outcome:
+    """Measure again, and say where the results are. ``others``: keys of [correlation] that are numbers.
+
+    Raises:
+        PlenoPIVError: there are no volumes, they or the settings cannot be used, or the output folder holds results of
+            other inputs.
+    """
+    changed = {
+        "windows": None if windows is None else sizes_of(windows, "--windows"),
+        "inner_window": None if inner_window is None else sizes_of(inner_window, "--inner-window", 1)[0],
+        **others,
+    }
+    from plenopiv.run.correlate import correlate as measure_again
+
+    with Progress() as progress:
+        return told(measure_again(results, out=out, overwrite=overwrite, progress=progress, **changed))
+
+
+def sizes_of(text: str, option: str, most: int | None = None) -> list[list[int]]:
+    """Window sizes of text such as "64x64x16,48x48x12".
+
+    Raises:
+        PlenoPIVError: it is no such text, or lists more than ``most``.
+    """
+    parts = [part.strip().lower() for part in text.split(",")]
+    if not all(re.fullmatch(SIZE, part) for part in parts) or (most is not None and len(parts) > most):
+        example = "48x48x12" if most == 1 else "64x64x16,48x48x12"
+        raise PlenoPIVError(f"{option} {text}: give voxels along x, y, z, as in {option} {example}")
+    return [[int(side) for side in part.split("x")] for part in parts]
