@@ -1,0 +1,260 @@
+"""``plenopiv correlate``: the vectors of a whole run with other windows, from the volumes that a run kept."""
+
+import json
+import shutil
+import tomllib
+
+import numpy as np
+import pytest
+import tifffile
+import tomli_w
+from runs import without_report
+
+import plenopiv
+from plenopiv.chain import Chain
+from plenopiv.cli import main
+from plenopiv.errors import PlenoPIVError
+from plenopiv.experiment import Experiment
+from plenopiv.io import read_velocity
+from plenopiv.io.series_file import open_series
+from plenopiv.io.volumes import read_volume
+from plenopiv.run.judged import PairJudge
+
+WINDOWS = [[40, 40, 24], [32, 32, 20]]
+HOT = (slice(100, 300, 7), slice(200, 340, 7))  # rows, columns
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _without_report():
+    with pytest.MonkeyPatch.context() as patch:
+        without_report(patch)
+        yield
+
+
+def sequence(recorded, folder, names, **recording):
+    """The recording in ``folder`` as a sequence of the frames ``names``, copies of a.tif and b.tif in turn, with its
+    volumes kept and quickly reconstructed."""
+    shutil.copytree(recorded, folder)
+    for k, name in enumerate(names[2:]):
+        shutil.copy(folder / f"{'ab'[k % 2]}.tif", folder / name)
+    tables = tomllib.loads((folder / "experiment.toml").read_text())
+    tables["recording"] |= {"frames": names} | recording
+    tables["reconstruction"] = {"iterations": 2}
+    tables["output"] = {"volumes": True}
+    (folder / "experiment.toml").write_text(tomli_w.dumps(tables))
+    return Experiment.load(folder / "experiment.toml")
+
+
+def with_windows(experiment, windows, directory):
+    """The experiment with other windows and another results folder."""
+    tables = experiment.model_dump(by_alias=True, exclude_none=True)
+    tables["correlation"]["windows"] = windows
+    tables["output"] = {"directory": directory}
+    return Experiment.from_dict(tables, experiment.path)
+
+
+@pytest.fixture(scope="module")
+def masked(recorded, tmp_path_factory):
+    """The results of a sequence of three frames, a part of the sensor masked and pixels hot; not to be changed."""
+    folder = tmp_path_factory.mktemp("masked") / "recording"
+    polygon = [[0, 0], [140, 0], [140, 150], [0, 150]]
+    shape = tifffile.imread(recorded / "a.tif").shape
+    dark = np.full(shape, 60, np.uint16)
+    dark[HOT] = 400
+    experiment = sequence(recorded, folder, ["a.tif", "b.tif", "c.tif"], mask=[polygon], dark="dark.tif")
+    tifffile.imwrite(folder / "dark.tif", dark)
+    return plenopiv.process(experiment).directory
+
+
+@pytest.fixture
+def results(masked, tmp_path):
+    """A copy that may be changed, in a copy of its recording."""
+    shutil.copytree(masked.parent, tmp_path / "recording")
+    return tmp_path / "recording" / "results"
+
+
+def contents(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def same_bits(a, b):
+    assert set(a.data_vars) == set(b.data_vars)
+    for name in (*a.data_vars, *a.coords):
+        assert a[name].values.tobytes() == b[name].values.tobytes(), name
+
+
+def test_the_vectors_of_a_whole_run_with_these_windows_bit_for_bit(masked, results, capsys):
+    experiment = Experiment.load(results.parent / "experiment.toml")
+    unusable = experiment.recording().unusable
+    assert unusable[100, 200]  # hot
+    assert unusable[0, 0]  # masked
+    whole = plenopiv.process(with_windows(experiment, WINDOWS, "whole"))
+    before = contents(results)
+    assert main(["correlate", str(results), "--windows", "40x40x24,32x32x20"]) == 0
+    out = capsys.readouterr().out
+    made = results.parent / "results-40x40x24-32x32x20"
+    assert f"{made / 'velocity.nc'}\n" in out
+    assert contents(results) == before
+    same_bits(open_series(made / "velocity.nc"), open_series(whole.directory / "velocity.nc"))
+    same_bits(read_velocity(made / "pairs/pair-0001.nc"), read_velocity(whole.directory / "pairs/pair-0001.nc"))
+    resolved = tomllib.loads((made / "experiment.toml").read_text())
+    assert resolved["correlation"]["windows"] == WINDOWS
+    assert resolved["correlation"]["inner_window"] == [24, 24, 15]  # of the new last window
+    assert Experiment.load(made / "experiment.toml").recording().names == ["a.tif", "b.tif", "c.tif"]
+    summary = json.loads((made / "summary.json").read_text())
+    assert summary["volumes_of"] == str(results)
+    assert summary["reconstruction"] == whole.summary["reconstruction"]
+    assert summary["quality"] == whole.summary["quality"]
+    assert summary["vectors"] == whole.summary["vectors"]
+    assert "reconstruction" not in summary["timings_s"]
+    assert not list(made.glob("volume-*"))
+    for name in ("a", "c"):  # copies of one image
+        assert read_volume(results / f"volume-{name}.h5").values.size
+    assert (results / "volume-a.h5").read_bytes() == (results / "volume-c.h5").read_bytes()
+    assert main(["correlate", str(results), "--windows", "40x40x24,32x32x20"]) == 0
+    assert "nothing to do" in capsys.readouterr().err
+
+
+def test_other_keys_and_a_folder_of_ones_own(masked, tmp_path):
+    found = plenopiv.correlate(masked, out=tmp_path / "own", overlap=0.3, fine_passes=1, windows=[[48, 48, 24]])
+    assert found.directory == tmp_path / "own"
+    resolved = Experiment.load(tmp_path / "own" / "experiment.toml").correlation
+    assert (resolved.overlap, resolved.fine_passes, resolved.windows) == (0.3, 1, ((48, 48, 24),))
+    assert found.velocity.sizes["time"] == 2
+
+
+def test_sub_windows_that_the_experiment_file_states_stay(results):
+    from plenopiv.run.kept import KeptVolumes
+
+    kept = KeptVolumes.of(results)
+    kept.inputs["settings"]["correlation"]["inner_window"] = [24, 24, 12]
+    tables = kept.experiment.model_dump(by_alias=True, exclude_none=True)
+    tables["correlation"]["inner_window"] = [24, 24, 12]
+    stated = KeptVolumes(results, Experiment.from_dict(tables, kept.experiment.path), kept.manifest, kept.summary)
+    experiment, out = stated.with_correlation({"windows": WINDOWS, "overlap": 0.25})
+    assert experiment.correlation.inner_window == (24, 24, 12)
+    assert out.name == "results-40x40x24-32x32x20-overlap-0.25"
+    with pytest.raises(PlenoPIVError, match=r"correlation.inner_window: \[24, 24, 12\] is larger than the last"):
+        stated.with_correlation({"windows": [[32, 32, 16], [16, 16, 12]]})
+
+
+def flipped(path):
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def another_white(results):
+    image = tifffile.imread(results.parent / "white.tif")
+    image[50, 50] += 1
+    tifffile.imwrite(results.parent / "white.tif", image)
+
+
+def another_experiment(results):
+    file = results / "experiment.toml"
+    file.write_text(file.read_text().replace("focal_length_mm = 50.0", "focal_length_mm = 50.1"))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda r: flipped(r / "volume-b.h5"), "volume-b.h5: is damaged; the same plenopiv run makes it again"),
+        (lambda r: (r / "volume-c.h5").unlink(), "volume-c.h5: is gone; the same plenopiv run makes it again"),
+        (another_white, "white.tif: is another file than the one that the volumes of"),
+        (lambda r: (r.parent / "dark.tif").unlink(), "dark.tif"),
+        (another_experiment, "experiment.toml: is gone, or not as its run left it"),
+        (lambda r: flipped(r / "manifest.jsonl"), "manifest.jsonl: is damaged"),
+        (lambda r: (r / "manifest.jsonl").unlink(), "holds no finished run"),
+        (lambda r: shutil.rmtree(r), "no such folder"),
+    ],
+)
+def test_what_is_not_as_the_run_left_it_is_refused_before_any_work(results, spoil, words, capsys):
+    spoil(results)
+    before = contents(results.parent)
+    assert main(["correlate", str(results), "--windows", "40x40x24,32x32x20"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert words in err
+    assert contents(results.parent) == before
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--windows", "40x40x400"], "correlation.windows[0]: 400 voxels along z do not fit"),
+        (["--windows", "40x40"], "--windows 40x40: give voxels along x, y, z"),
+        (["--inner-window", "8x8x8,8x8x8"], "--inner-window 8x8x8,8x8x8: give voxels along x, y, z"),
+        (["--overlap", "2"], "correlation.overlap: 2.0 is out of range"),
+        (["--windows", "40x40x24", "--out", "RESULTS"], "holds the volumes; name another folder"),
+    ],
+)
+def test_settings_that_cannot_be_used_are_one_line(masked, options, words, capsys):
+    before = contents(masked.parent)
+    assert main(["correlate", str(masked), *(o.replace("RESULTS", str(masked)) for o in options)]) == 2
+    assert words in capsys.readouterr().err
+    assert contents(masked.parent) == before
+
+
+def test_a_run_without_volumes_and_keys_that_are_none_are_refused(finished, masked):
+    with pytest.raises(PlenoPIVError, match="kept no volumes; set output"):
+        plenopiv.correlate(finished.experiment.output_directory, windows=WINDOWS)
+    with pytest.raises(PlenoPIVError, match=r"correlation\.window"):
+        plenopiv.correlate(masked, window=WINDOWS)
+
+
+def test_other_windows_in_the_same_folder_are_refused(masked, tmp_path):
+    plenopiv.correlate(masked, out=tmp_path / "own", windows=[[48, 48, 24]], fine_passes=1)
+    before = contents(tmp_path / "own")
+    with pytest.raises(PlenoPIVError, match=r"settings\.correlation\.windows"):
+        plenopiv.correlate(masked, out=tmp_path / "own", windows=[[40, 40, 24]], fine_passes=1)
+    assert contents(tmp_path / "own") == before
+    plenopiv.correlate(masked, out=tmp_path / "own", windows=[[40, 40, 24]], fine_passes=1, overwrite=True)
+    assert Experiment.load(tmp_path / "own" / "experiment.toml").correlation.windows == ((40, 40, 24),)
+
+
+def test_what_was_finished_when_it_ended_is_kept(masked, tmp_path, monkeypatch, capsys):
+    changed = {"windows": [[48, 48, 24]], "fine_passes": 1}
+    whole = plenopiv.correlate(masked, out=tmp_path / "whole", **changed)
+    measured, velocity = [], Chain.velocity
+
+    def ending(self, *given):
+        if measured:
+            raise KeyboardInterrupt
+        measured.append(given)
+        return velocity(self, *given)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Chain, "velocity", ending)
+        with pytest.raises(KeyboardInterrupt):
+            plenopiv.correlate(masked, out=tmp_path / "ended", **changed)
+    assert not (tmp_path / "ended" / "velocity.nc").exists()
+    monkeypatch.setattr(Chain, "velocity", lambda self, *given: measured.append(given) or velocity(self, *given))
+    found = plenopiv.correlate(masked, out=tmp_path / "ended", **changed)
+    assert len(measured) == 2
+    assert (found.directory / "velocity.nc").read_bytes() == (whole.directory / "velocity.nc").read_bytes()
+    flipped(found.directory / "pairs" / "pair-0000.nc")
+    plenopiv.correlate(masked, out=tmp_path / "ended", **changed)
+    assert len(measured) == 3
+    names = ["velocity.nc", "pairs/pair-0000.nc", "pairs/pair-0001.nc"]
+    assert all((found.directory / n).read_bytes() == (whole.directory / n).read_bytes() for n in names)
+
+
+def test_pairs_stay_aside_for_their_frames_but_not_for_their_fields(recorded, tmp_path, monkeypatch, capsys):
+    """The first frame is damaged, and the field of the last pair was bad with the run's windows."""
+    names = ["a.tif", "b.tif", "c.tif", "d.tif"]
+    experiment = sequence(recorded, tmp_path / "recording", names)
+    first = experiment.folder / "a.tif"
+    first.write_bytes(first.read_bytes()[:2000])
+    with monkeypatch.context() as patch:
+        patch.setattr(PairJudge, "of_field", lambda self, velocity, names: ([], "bad" if "d.tif" in names else None))
+        run = plenopiv.process(experiment)
+    assert [one["pair"] for one in run.summary["set_aside"]] == [0, 2]
+    assert sorted(path.name for path in run.directory.glob("*.h5")) == [f"volume-{n}.h5" for n in "bcd"]
+    assert main(["correlate", str(run.directory), "--windows", "40x40x24,32x32x20"]) == 3
+    assert "1 of 3 pairs set aside:\n  a.tif and b.tif: " in capsys.readouterr().out
+    made = run.directory.with_name("results-40x40x24-32x32x20")
+    (aside,) = json.loads((made / "summary.json").read_text())["set_aside"]
+    assert aside == run.summary["set_aside"][0]
+    valid = open_series(made / "velocity.nc").valid.values
+    assert [bool(one.any()) for one in valid] == [False, True, True]
