@@ -31,7 +31,6 @@ from plenopiv.errors import PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.run.calibrated import calibrated_chain
 from plenopiv.run.frame import reconstructed
-from plenopiv.run.pair import velocity_between
 
 HERE = Path(__file__).parent
 RECORDED = HERE / "static_light.json"
@@ -100,7 +99,7 @@ def measured(experiment: Experiment, clean: Clean, leave_out: bool) -> list[Scor
     scores = []
     for pair in range(MEASURED):
         a, b = (reconstructed(chain, recording, k, lambda *done: None) for k in recording.pairs[pair])
-        velocity = velocity_between(chain, a, b, DT_S, 0.0, lambda *done: None)
+        velocity = chain.velocity(a.found.volume, b.found.volume, DT_S)
         if leave_out:
             apart = ~near_saturated(velocity, experiment.volume.voxel_mm[0])
             velocity = velocity.assign({name: velocity[name].where(apart) for name in "uvw"})

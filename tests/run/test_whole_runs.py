@@ -163,3 +163,18 @@ def test_a_dark_frame_fails_before_its_neighbour_is_worked_on(experiment):
     (experiment.folder / "b.tif").unlink()
     with pytest.raises(PlenoPIVError, match=r"b\.tif"):
         plenopiv.process(experiment, progress=lambda *_: pytest.fail("work began"))
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("without_report")
+def test_gradients_are_written_on_request(experiment):
+    from plenopiv.statistics import velocity_gradients
+
+    tables = experiment.model_dump(by_alias=True, exclude_none=True)
+    tables["output"]["gradients"] = True
+    asked = Experiment.from_dict(tables, experiment.path)
+    velocity = plenopiv.process(asked).velocity
+    alone = velocity_gradients(velocity.isel(time=0), asked.correlation.settings())
+    for name in ("du_dz", "vorticity_y", "divergence_std", "q"):
+        assert velocity[name].dims == ("time", "z", "y", "x")
+        np.testing.assert_array_equal(velocity[name].values[0], alone[name].values)

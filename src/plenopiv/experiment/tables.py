@@ -319,10 +319,11 @@ class CorrelationTable(Table):
 
 
 class OutputTable(Table):
-    """``[output]``: the results folder, relative to the experiment file; ``volumes``: whether it takes those too."""
+    """``[output]``: the results folder, relative to the experiment file; whether it takes volumes and gradients too."""
 
     directory: FileName = "results"
     volumes: bool = False
+    gradients: bool = False
 
 
 class SimulationTable(Table):

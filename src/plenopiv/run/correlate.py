@@ -82,7 +82,7 @@ def correlate(
         for finding in judgement.findings:
             warnings.warn(line_of(asdict(finding)), PlenoPIVWarning, stacklevel=2)
         made_of = f"{source(experiment)}, volumes of {kept.results.resolve().name}"
-        job = Job(chain, recording, judgement.pairs, folder.work, made_of)
+        job = Job(chain, recording, judgement.pairs, folder.work, made_of, gradients=experiment.output.gradients)
         shown = VolumeShown(lambda number: kept.volume(recording, recording.pairs[number][0]), clock)
         calibration, before = kept.summary["calibration"], [str(w.message) for w in caught]
         series = StoredSeries(

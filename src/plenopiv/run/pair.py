@@ -22,6 +22,7 @@ from plenopiv.io.volumes import write_volume
 from plenopiv.recording import Recording
 from plenopiv.run.frame import Frame, LostFrame, Progress, caught_warnings, reconstructed
 from plenopiv.run.judged import PairJudge
+from plenopiv.statistics import velocity_gradients
 from plenopiv.velocity import replaced, vectors_inside_body
 from plenopiv.volume import SparseVolume
 
@@ -53,7 +54,7 @@ class PairRecord:
 @dataclass(frozen=True)
 class Job:
     """What measures every pair of a recording and writes it below ``folder``: with ``volumes`` those of the frames
-    too. ``source``: what the fields say that they come from."""
+    too, with ``gradients`` the derivatives of each field. ``source``: what the fields say that they come from."""
 
     chain: Chain
     recording: Recording
@@ -61,6 +62,7 @@ class Job:
     folder: Path
     source: str
     volumes: bool = False
+    gradients: bool = False
 
     def frame(self, number: int, progress: Progress) -> Frame | LostFrame:
         """Frame ``number`` (from 0), reconstructed, and its volume written where volumes are kept.
@@ -123,6 +125,9 @@ class Job:
         if record.set_aside is not None:
             return record
         record.numbers = numbers_of(velocity, self.chain.grid.voxel_mm, self.recording.dt_s)
+        if self.gradients:
+            derived = velocity_gradients(velocity.isel(time=0), self.chain.correlation).drop_vars("time")
+            velocity = velocity.assign(derived.expand_dims(time=velocity.time))
         velocity.attrs |= {"source": self.source, "quality": self.judge.quality(record.findings)}
         name = "velocity.nc" if len(self.recording.pairs) == 1 else pair_file(number)
         self._path(name)

@@ -108,7 +108,8 @@ def run(
         tell_plan(planned, recording, left)
         ask_for_space(folder, planned, recording, left, experiment.output.volumes)
 
-        job = Job(planned.chain, recording, judgement.pairs, folder.work, source(experiment), experiment.output.volumes)
+        wanted_too = {"volumes": experiment.output.volumes, "gradients": experiment.output.gradients}
+        job = Job(planned.chain, recording, judgement.pairs, folder.work, source(experiment), **wanted_too)
         before = [str(w.message) for w in caught]
         shown = Shown(planned.chain, recording, clock, folder.finished)
         series = StoredSeries(
