@@ -163,6 +163,7 @@ def test_without_standard_deviations(tmp_path):
     assert not found.histograms.any()
 
 
+@pytest.mark.full
 def test_memory_does_not_grow_with_the_number_of_times(tmp_path):
     def peak(count):
         times = 0.00025 + 0.0005 * np.arange(count)
@@ -234,6 +235,7 @@ def test_the_command_prints_the_table_and_writes_the_page(tmp_path, capsys):
     assert "its folder is not there" in capsys.readouterr().err.replace("\n", " ")
 
 
+@pytest.mark.full
 def test_the_command_for_programs(tmp_path, capsys):
     a, b = (results(tmp_path / name, regular().drop_vars("u_std")) for name in "ab")
     page = tmp_path / "page.html"
@@ -247,6 +249,7 @@ def test_the_command_for_programs(tmp_path, capsys):
     assert told["settings"] == []
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("flat", ["x", "y", "z"])
 def test_one_vector_along_an_axis(tmp_path, flat):
     found = plenopiv.compare(*(results(tmp_path / name, regular().isel({flat: [2]})) for name in "ab"))
