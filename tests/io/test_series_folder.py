@@ -51,7 +51,9 @@ def session(directory, pairs=range(PAIRS), publish=True, overwrite=False, inputs
             measure(folder, number)
         if publish:
             files = {number: folder.there(pair_file(number)) for number in range(PAIRS)}
-            write_series(folder.path("velocity.nc"), field(0), np.arange(PAIRS) + 0.5, files, {"quality": "good"})
+            write_series(
+                folder.path("velocity.nc"), field(0), {"time": np.arange(PAIRS) + 0.5}, files, {"quality": "good"}
+            )
             folder.write_text("summary.json", json.dumps({"inputs_sha256": folder.depends}))
             folder.publish(["velocity.nc", "summary.json"], now)
         return measured, folder.words
@@ -81,7 +83,7 @@ def test_a_series_is_one_file_and_one_of_each_pair(results):
 def test_pairs_without_a_file_are_nan_and_not_valid(tmp_path):
     write_velocity(tmp_path / "b.nc", field(1))
     for name in ("velocity.nc", "again.nc"):
-        write_series(tmp_path / name, field(1), [0.5, 1.5], {1: tmp_path / "b.nc"}, {})
+        write_series(tmp_path / name, field(1), {"time": [0.5, 1.5]}, {1: tmp_path / "b.nc"}, {})
     velocity = read_velocity(tmp_path / "velocity.nc")
     assert np.isnan(velocity.u.values[0]).all()
     assert velocity.valid.values.sum((1, 2, 3)).tolist() == [0, 24]
@@ -91,7 +93,7 @@ def test_pairs_without_a_file_are_nan_and_not_valid(tmp_path):
 
 def test_a_pair_that_is_stored_otherwise_is_copied_all_the_same(tmp_path):
     field(1).to_netcdf(tmp_path / "plain.nc", engine="h5netcdf")
-    write_series(tmp_path / "velocity.nc", field(1), [1.5], {0: tmp_path / "plain.nc"}, {})
+    write_series(tmp_path / "velocity.nc", field(1), {"time": [1.5]}, {0: tmp_path / "plain.nc"}, {})
     assert (read_velocity(tmp_path / "velocity.nc").w.values == field(1).w.values).all()
 
 

@@ -47,6 +47,14 @@ def correlate(
     ] = None,
     coarse_passes: Annotated[int | None, typer.Option(metavar="N", help="Passes with each coarse window.")] = None,
     fine_passes: Annotated[int | None, typer.Option(metavar="N", help="Passes with the finest window.")] = None,
+    ensemble: Annotated[
+        bool, typer.Option("--ensemble", help="Sum the correlations of all pairs: one field of a steady flow.")
+    ] = False,
+    phase: Annotated[
+        Path | None, typer.Option(metavar="CSV", help="With --ensemble a field a phase: lines of pair,phase.")
+    ] = None,
+    bins: Annotated[int, typer.Option(metavar="N", min=1, help="Parts of the period, with --phase.")] = 8,
+    period: Annotated[float, typer.Option(metavar="P", help="Period in the unit of the phases.")] = 360.0,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Results folder; default: beside RESULTS, named by the windows.")
     ] = None,
@@ -58,16 +66,21 @@ def correlate(
     windows, bit for bit; the results are a folder of its own, and RESULTS is not touched. Options that are left out
     are as in the run, and sub-windows follow the last window. Finished pairs are kept, whatever ends it.
 
+    With --ensemble correlations are summed over pairs before their peaks are looked for, for thin seeding in a steady
+    or phase-locked flow: velocity.nc then has one time, or one for each phase, and in pairs how many they were.
+
     \b
     Example:
         plenopiv correlate run7/results --windows 96x96x24,48x48x12
         plenopiv compare run7/results run7/results-96x96x24-48x48x12
         plenopiv correlate run7/results --windows 64x64x16 --overlap 0.75 --out run7/finer
+        plenopiv correlate run7/results --ensemble --phase run7/encoder.csv --bins 12
     """
-    from plenopiv.cli.correlate import correlate
+    from plenopiv.cli.correlate import Together, correlate
 
+    together = Together(ensemble, phase, bins, period)
     numbers = {"overlap": overlap, "coarse_passes": coarse_passes, "fine_passes": fine_passes}
-    _finish("correlate", correlate(results, windows, inner_window, out, overwrite, **numbers))
+    _finish("correlate", correlate(results, windows, inner_window, out, overwrite, together, **numbers))
 
 
 @app.command()

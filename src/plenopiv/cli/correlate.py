@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +15,33 @@ from plenopiv.errors import PlenoPIVError
 SIZE = r"\d{1,5}x\d{1,5}x\d{1,5}"
 
 
+@dataclass(frozen=True)
+class Together:
+    """Options of ensembles."""
+
+    ensemble: bool
+    phase: Path | None
+    bins: int
+    period: float
+
+
 def correlate(
-    results: Path, windows: str | None, inner_window: str | None, out: Path | None, overwrite: bool, **others: Any
+    results: Path,
+    windows: str | None,
+    inner_window: str | None,
+    out: Path | None,
+    overwrite: bool,
+    together: Together,
+    **others: Any,
 ) -> Outcome:
     """Measure again, and say where the results are. ``others``: keys of [correlation] that are numbers.
 
     Raises:
         PlenoPIVError: there are no volumes, they or the settings cannot be used, or the output folder holds results of
-            other inputs.
+            other inputs; the file of phases cannot be used.
     """
+    if together.phase is not None and not together.ensemble:
+        raise PlenoPIVError("--phase: averages correlations; give --ensemble too (of fields: plenopiv statistics)")
     changed = {
         "windows": None if windows is None else sizes_of(windows, "--windows"),
         "inner_window": None if inner_window is None else sizes_of(inner_window, "--inner-window", 1)[0],
@@ -30,8 +49,26 @@ def correlate(
     }
     from plenopiv.run.correlate import correlate as measure_again
 
+    options: dict[str, Any] = {"out": out, "overwrite": overwrite, "ensemble": together.ensemble}
+    if together.phase is not None:
+        from plenopiv.statistics import Phases
+
+        options |= {"phases": Phases.read(together.phase, together.period), "bins": together.bins}
     with Progress() as progress:
-        return told(measure_again(results, out=out, overwrite=overwrite, progress=progress, **changed))
+        result = measure_again(results, progress=progress, **options, **changed)
+    outcome = told(result)
+    if (summed := result.summary.get("ensemble")) is None:
+        return outcome
+    counts, out_of_it = summed["pairs"], summed["pairs_left_out"]
+    each = (
+        ""
+        if "phase" not in summed
+        else "phase "
+        + ", ".join(f"{phase:g}: {count}" for phase, count in zip(summed["phase"], counts, strict=True))
+        + "; "
+    )
+    line = f"{sum(counts)} pairs in {len(counts)} ensemble{'s'[: len(counts) > 1]} ({each}{out_of_it} left out)"
+    return replace(outcome, text=f"{line}\n{outcome.text}")
 
 
 def sizes_of(text: str, option: str, most: int | None = None) -> list[list[int]]:

@@ -27,11 +27,16 @@ def pair_file(number: int) -> str:
 
 
 def write_series(
-    path: Path, like: xarray.Dataset, times_s: Sequence[float], files: Mapping[int, Path], attributes: Mapping[str, Any]
+    path: Path,
+    like: xarray.Dataset,
+    times: Mapping[str, Sequence[float]],
+    files: Mapping[int, Path],
+    attributes: Mapping[str, Any],
 ) -> None:
     """Write ``path`` from the ``files`` of pairs by their number; one field is in memory at a time.
 
-    ``like``: the field of one of the pairs, all others have its grid and variables. ``times_s``: of all pairs.
+    ``like``: the field of one of the pairs, all others have its grid and variables. ``times``: "time" of all pairs in
+    s, and by name what ``like`` has of its time alone.
 
     Raises:
         PlenoPIVError: the file cannot be written, or that of a pair not be read.
@@ -43,12 +48,15 @@ def write_series(
     fields = [name for name, variable in like.data_vars.items() if variable.ndim == len(DIMS)]
     with written_aside(path) as aside:
         with h5netcdf.File(aside, "w") as file:
-            file.dimensions = {"time": len(times_s), **dict(zip(DIMS[1:], shape, strict=True))}
+            file.dimensions = {"time": len(times["time"]), **dict(zip(DIMS[1:], shape, strict=True))}
             file.attrs.update(dict(like.attrs) | dict(attributes))
             for axis in DIMS:
-                values = np.asarray(times_s, float) if axis == "time" else like[axis].values
+                values = np.asarray(times["time"], float) if axis == "time" else like[axis].values
                 made = file.create_variable(axis, (axis,), values.dtype, values)
                 made.attrs.update(like[axis].attrs)
+            for axis in [name for name in times if name != "time"]:
+                made = file.create_variable(axis, ("time",), like[axis].dtype, np.asarray(times[axis]))
+                made.attrs.update({key: value for key, value in like[axis].attrs.items() if key != "_FillValue"})
             for name in fields:
                 kind = like[name].dtype
                 filled = {"fillvalue": kind.type(np.nan)} if kind.kind == "f" else {}  # else HDF5's own, which is 0

@@ -74,7 +74,7 @@ class Judgement:
     findings: list[Finding]
     lattice: LatticeFit | None = None
 
-    def summary(self, recording: Recording, records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    def summary(self, records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         """What ``summary.json`` holds of it; ``records`` of all pairs (``PairRecord``). Of each kind of finding the
         first is kept."""
         findings = {finding.name: asdict(finding) for finding in reversed(self.findings)}
@@ -85,7 +85,7 @@ class Judgement:
         aside = [
             {
                 "pair": record["pair"],
-                "frames": [recording.frames[k].name for k in recording.pairs[record["pair"]]],
+                "frames": [entry["name"] for entry in record["frames"]],
                 "reason": record["set_aside"],
             }
             for record in records
@@ -100,7 +100,7 @@ def warnings_of(record: Mapping[str, Any]) -> list[str]:
     said = [*record["warnings"], *record["field_warnings"], *(line_of(finding) for finding in record["findings"])]
     if record["set_aside"] is not None:
         which = " and ".join(printable(entry["name"]) for entry in record["frames"])
-        said.append(f"the pair {which} is set aside: {record['set_aside']}")
+        said.append(f"{f'the pair {which}' if which else 'an ensemble'} is set aside: {record['set_aside']}")
     return said
 
 

@@ -72,6 +72,11 @@ class KeptVolumes:
         return kept
 
     @property
+    def name(self) -> str:
+        """Of the folder."""
+        return self.results.resolve().name
+
+    @property
     def inputs(self) -> dict[str, Any]:
         """What the run depended on."""
         assert self.manifest.inputs is not None
@@ -89,9 +94,11 @@ class KeptVolumes:
         known = versions()
         return list(changes(self.inputs["versions"], {name: known[name] for name in COMPUTING}))
 
-    def with_correlation(self, changed: Mapping[str, Any], out: Path | None = None) -> tuple[Experiment, Path]:
+    def with_correlation(
+        self, changed: Mapping[str, Any], out: Path | None = None, words: Sequence[str] = ()
+    ) -> tuple[Experiment, Path]:
         """The experiment with other keys of [correlation], and its results folder: ``out``, or one beside the run's
-        that is named by the windows and what else is changed.
+        that is named by ``words``, the windows and what else is changed.
 
         Sub-windows are as the run's experiment file stated them, or derived from the last window anew.
 
@@ -105,7 +112,7 @@ class KeptVolumes:
         correlation |= {key: value for key, value in changed.items() if value is not None}
         tables["output"]["volumes"] = False
         found = Experiment.from_dict(tables, self.experiment.path)
-        out = out or self._beside(found, changed)
+        out = out or self._beside(found, changed, words)
         if out.resolve() == self.results.resolve():
             raise PlenoPIVError(f"{out}: holds the volumes; name another folder")
         try:
@@ -114,9 +121,9 @@ class KeptVolumes:
             tables["output"]["directory"] = str(out.resolve())
         return Experiment.from_dict(tables, self.experiment.path), out
 
-    def _beside(self, experiment: Experiment, changed: Mapping[str, Any]) -> Path:
+    def _beside(self, experiment: Experiment, changed: Mapping[str, Any], first: Sequence[str]) -> Path:
         folder = self.results if self.results.name not in ("", "..") else self.results.resolve()
-        words = ["x".join(map(str, window)) for window in experiment.correlation.windows]
+        words = [*first, *("x".join(map(str, window)) for window in experiment.correlation.windows)]
         for key, value in changed.items():
             if key != "windows" and value is not None:
                 sides = value if isinstance(value, Sequence) and not isinstance(value, str) else [value]
@@ -166,7 +173,7 @@ class KeptVolumes:
         name = volume_file(recording, number)
         if not is_whole(self.results / name, self.digests[name]):
             raise self._not_whole(name)
-        return read_volume(self.results / name)
+        return read_volume(self.results / name, known=True)
 
     def _not_whole(self, name: str) -> PlenoPIVError:
         there = (self.results / name).exists()

@@ -8,6 +8,7 @@ A ``Job`` is plain data that pickles, so that its frames and pairs can be measur
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -108,13 +109,28 @@ class Job:
         Raises:
             PlenoPIVError: a file cannot be written; nothing is found in the only pair.
         """
-        number, names = record.pair, (record.frames[0]["name"], record.frames[1]["name"])
+        time_s, names = self.recording.mid_time_s(record.pair), (record.frames[0]["name"], record.frames[1]["name"])
+        return self.completed(record, lambda: self.chain.velocity(a, b, self.recording.dt_s, time_s, progress), names)
+
+    def completed(
+        self,
+        record: PairRecord,
+        measure: Callable[[], xarray.Dataset],
+        names: tuple[str, str],
+        count: int | None = None,
+    ) -> PairRecord:
+        """Take the field that ``measure`` gives between the frames ``names``, judge and write it, and complete its
+        record. ``count``: how many fields there are, where it is not that of pairs.
+
+        Raises:
+            PlenoPIVError: a file cannot be written; nothing is found in the only field.
+        """
+        only = (count or len(self.recording.pairs)) == 1
         with caught_warnings() as said:
             try:
-                time_s = self.recording.mid_time_s(number)
-                velocity = self.chain.velocity(a, b, self.recording.dt_s, time_s, progress)
+                velocity = measure()
             except PlenoPIVError as error:
-                if len(self.recording.pairs) == 1:
+                if only:
                     raise
                 record.set_aside = str(error)
                 return record
@@ -129,7 +145,7 @@ class Job:
             derived = velocity_gradients(velocity.isel(time=0), self.chain.correlation).drop_vars("time")
             velocity = velocity.assign(derived.expand_dims(time=velocity.time))
         velocity.attrs |= {"source": self.source, "quality": self.judge.quality(record.findings)}
-        name = "velocity.nc" if len(self.recording.pairs) == 1 else pair_file(number)
+        name = "velocity.nc" if only else pair_file(record.pair)
         self._path(name)
         write_velocity(self._path(name), velocity)
         record.files.append(name)

@@ -14,6 +14,8 @@ from plenopiv.run.duration import TimeEstimate
 from plenopiv.run.memory import MemoryEstimate
 
 log = logging.getLogger("plenopiv")
+READ = 0.1  # s, a volume of half a million voxels
+START = 5.0  # s, calibration, libraries, report without frames
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,16 @@ class Plan:
     def tiles(self) -> int:
         """Number of tiles; 1 for the whole volume at once."""
         return max(len(self.chain.tiles), 1)
+
+
+def plan_between_volumes(chain: Chain) -> Plan:
+    """What to measure between volumes that are there takes; a "frame" is then a volume that is read."""
+    settings = chain.camera, chain.grid, chain.reconstruction, chain.correlation
+    needed = replace(memory.of_settings(*settings), volumes=0.0)
+    if not chain.unusable:
+        needed = replace(needed, light_field=0.0)
+    pair = duration.of_settings(*settings, numba.get_num_threads()).pair
+    return Plan(chain, needed, TimeEstimate(READ, pair, START))
 
 
 def plan(chain: Chain, memory_gb: float | None = None) -> Plan:

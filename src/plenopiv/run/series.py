@@ -27,7 +27,7 @@ from plenopiv.run.log import Clock, kept_warnings
 from plenopiv.run.pair import Job
 from plenopiv.run.plan import plan
 from plenopiv.run.shown import Shown
-from plenopiv.run.stored import StoredSeries, ask_for_space, summary_there, tell_kept, tell_plan
+from plenopiv.run.stored import StoredSeries, ask_for_space, summary_there, tell_kept, tell_plan, times_of
 from plenopiv.run.written import Score, source
 
 if TYPE_CHECKING:
@@ -105,15 +105,26 @@ def run(
             return RunResult(summary_there(folder), folder.directory, (len(recording.pairs), len(recording.pairs)))
         planned = plan(chain, memory_gb)
         left = [number for number in wanted if number not in folder.finished]
-        tell_plan(planned, recording, left)
-        ask_for_space(folder, planned, recording, left, experiment.output.volumes)
+        frames = len({k for number in left for k in recording.pairs[number]})
+        tell_plan(planned, frames, len(left))
+        ask_for_space(folder, planned, len(left), frames if experiment.output.volumes else 0)
 
         wanted_too = {"volumes": experiment.output.volumes, "gradients": experiment.output.gradients}
         job = Job(planned.chain, recording, judgement.pairs, folder.work, source(experiment), **wanted_too)
         before = [str(w.message) for w in caught]
         shown = Shown(planned.chain, recording, clock, folder.finished)
         series = StoredSeries(
-            folder, experiment, recording, inputs, judgement, calibration, planned, clock, report, before
+            folder,
+            experiment,
+            recording,
+            times_of(recording),
+            inputs,
+            judgement,
+            calibration,
+            planned,
+            clock,
+            report,
+            before,
         )
         series.store(in_turn(job, left, planned, clock, report, shown), len(left))
         if pairs is not None:
@@ -158,7 +169,7 @@ def _keep_unchanged(folder: SeriesFolder, recording: Recording) -> None:
                 "output.directory"
             )
         del folder.finished[number]
-    tell_kept(folder, recording)
+    tell_kept(folder, len(recording.pairs))
 
 
 def _tell_static_light(calibration: Mapping[str, Any]) -> None:

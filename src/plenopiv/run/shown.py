@@ -61,26 +61,24 @@ class Shown:
 
 
 class VolumeShown:
-    """The same where there are volumes alone: the first pair's first volume, taken while it passes or read again
-    (``volume``: that of a pair's first frame)."""
+    """The same where there are volumes alone: the first frame's, taken while it passes or read again (``volume``)."""
 
-    def __init__(self, volume: Callable[[int], SparseVolume], clock: Clock) -> None:
+    def __init__(self, volume: Callable[[], SparseVolume], clock: Clock) -> None:
         self.volume, self.clock = volume, clock
         self._taken: tuple[int, FirstFrame] | None = None
 
     def see(self, number: int, volume: SparseVolume) -> None:
         """Take the first volume of a pair, where there was none before."""
         if self._taken is None:
-            self._take(number, volume)
+            self._taken = number, self._shown(volume)
 
     def of(self, records: Sequence[Mapping[str, Any]], report: Progress) -> FirstFrame:
         """Of the first pair with summaries of its frames in ``records`` of all pairs."""
         first = next(record["pair"] for record in records if record["summaries"])
         if self._taken is None or self._taken[0] != first:
-            self._take(first, self.volume(first))
-        assert self._taken is not None
+            self._taken = first, self._shown(self.volume())
         return self._taken[1]
 
-    def _take(self, number: int, volume: SparseVolume) -> None:
+    def _shown(self, volume: SparseVolume) -> FirstFrame:
         with self.clock("report"):
-            self._taken = number, FirstFrame((), projections(volume), [volume_stack(volume)])
+            return FirstFrame((), projections(volume), [volume_stack(volume)])

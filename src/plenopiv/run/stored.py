@@ -33,12 +33,14 @@ LEAST_KEPT = 0.01  # share of the voxels that a volume keeps
 
 @dataclass
 class StoredSeries:
-    """The pairs of a recording in their results folder, which has been settled with ``inputs``. ``calibration``: as
-    summary.json has it. ``warned``: what was warned of before."""
+    """The fields of a recording in their results folder, which has been settled with ``inputs``. ``times``: "time" of
+    each field in s, and variables that the fields have of each time. ``calibration``: as summary.json has it.
+    ``warned``: what was warned of before."""
 
     folder: SeriesFolder
     experiment: Experiment
     recording: Recording
+    times: Mapping[str, Sequence[float]]
     inputs: Mapping[str, Any]
     judgement: Judgement
     calibration: Mapping[str, Any]
@@ -46,6 +48,11 @@ class StoredSeries:
     clock: Clock
     report: Progress
     warned: Sequence[str] = ()
+
+    @property
+    def count(self) -> int:
+        """How many fields there are to be."""
+        return len(self.times["time"])
 
     def store(self, records: Iterable[PairRecord], count: int) -> None:
         """Keep the records of ``count`` pairs as they come, and tell what is new in them.
@@ -63,7 +70,7 @@ class StoredSeries:
                     self.report("pairs", done, count)
         except BaseException:
             if self.folder.finished:
-                done, count = len(self.folder.finished), len(self.recording.pairs)
+                done, count = len(self.folder.finished), self.count
                 log.info("%d of %d pairs are finished and kept; the same command goes on from there", done, count)
             raise
 
@@ -79,8 +86,8 @@ class StoredSeries:
         Raises:
             PlenoPIVError: no pair could be measured, or a file cannot be written.
         """
-        folder, recording = self.folder, self.recording
-        records = [folder.finished[number] for number in range(len(recording.pairs))]
+        folder = self.folder
+        records = [folder.finished[number] for number in range(self.count)]
         if all(record["set_aside"] is not None for record in records):
             folder.discard()
             raise PlenoPIVError(f"no pair can be measured: {records[0]['set_aside']}")
@@ -88,11 +95,18 @@ class StoredSeries:
         for entry in records:
             told.add(entry)
         summary = summary_of(
-            self.experiment, recording, records, self.calibration, self.judgement, self.planned, told.said, self.clock
+            self.experiment,
+            self.recording,
+            records,
+            self.calibration,
+            self.judgement,
+            self.planned,
+            told.said,
+            self.clock,
         )
         summary |= {"inputs_sha256": folder.depends} | dict(more or {})
         shown = first(records, self.report)
-        files = write_results(folder, self.experiment, recording, records, summary, shown, score, self.clock)
+        files = write_results(folder, self.experiment, self.times, records, summary, shown, score, self.clock)
         folder.publish(files, self.inputs)
         return summary
 
@@ -105,38 +119,37 @@ def summary_there(folder: SeriesFolder) -> dict[str, Any]:
     return found
 
 
-def tell_kept(folder: SeriesFolder, recording: Recording) -> None:
+def times_of(recording: Recording) -> dict[str, list[float]]:
+    """Of the fields of all pairs."""
+    return {"time": [recording.mid_time_s(number) for number in range(len(recording.pairs))]}
+
+
+def tell_kept(folder: SeriesFolder, count: int) -> None:
     """Say what was found damaged, and how many pairs are kept."""
     for words in folder.words:
         log.info("%s", words)
     if folder.finished:
-        log.info("%d of %d pairs are finished and whole: they are kept", len(folder.finished), len(recording.pairs))
+        log.info("%d of %d pairs are finished and whole: they are kept", len(folder.finished), count)
 
 
-def tell_plan(planned: Plan, recording: Recording, left: Sequence[int]) -> None:
-    """Say what memory and time the pairs ``left`` take."""
-    frames = {k for number in left for k in recording.pairs[number]}
+def tell_plan(planned: Plan, frames: int, pairs: int) -> None:
+    """Say what memory and time so many frames and pairs take."""
     log.info("memory: about %.2g GB", planned.needed.peak / 1e9)
-    log.info("time: about %s", duration.as_text(planned.takes.run(len(frames), len(left))))
+    log.info("time: about %s", duration.as_text(planned.takes.run(frames, pairs)))
 
 
-def ask_for_space(
-    folder: SeriesFolder, planned: Plan, recording: Recording, left: Sequence[int], volumes: bool = False
-) -> None:
-    """Compare the space on disk with what the files of the pairs take at least.
+def ask_for_space(folder: SeriesFolder, planned: Plan, pairs: int, volumes: int = 0) -> None:
+    """Compare the space on disk with what the files of so many pairs, and volumes of frames, take at least.
 
     Raises:
         PlenoPIVError: it does not suffice.
     """
     grid, correlation = planned.chain.grid, planned.chain.correlation
     vectors = prod(window_grid(grid.shape, correlation.windows[-1], correlation.overlap).shape)
-    needed = len(left) * vectors * BYTES_A_VECTOR
-    if volumes:
-        frames = {k for number in left for k in recording.pairs[number]}
-        needed += len(frames) * BYTES_A_VOXEL * LEAST_KEPT * grid.size
+    needed = pairs * vectors * BYTES_A_VECTOR + volumes * BYTES_A_VOXEL * LEAST_KEPT * grid.size
     free = shutil.disk_usage(folder.work).free
     if needed > free:
         raise PlenoPIVError(
-            f"{folder.directory}: its disk has {free / 1e9:.2g} GB left, {len(left)} pairs take about "
+            f"{folder.directory}: its disk has {free / 1e9:.2g} GB left, {pairs} pairs take about "
             f"{needed / 1e9:.2g} GB; make room, or take another output.directory"
         )

@@ -56,7 +56,7 @@ def summary_of(
         "experiment": experiment.path.name,
         "pairs": len(records),
         "frames": list(frames),
-        **judgement.summary(recording, records),
+        **judgement.summary(records),
         "calibration": dict(calibration),
         "voxels": plan.chain.grid.size,
         "reconstruction": frames,
@@ -88,7 +88,7 @@ def _not_in_images(fields: Sequence[Mapping[str, Any]], recording: Recording) ->
 def write_results(
     folder: SeriesFolder,
     experiment: Experiment,
-    recording: Recording,
+    times: Mapping[str, Sequence[float]],
     records: Sequence[Record],
     summary: dict[str, Any],
     first: FirstFrame,
@@ -96,6 +96,7 @@ def write_results(
     clock: Clock,
 ) -> list[str]:
     """velocity.nc of a series, experiment.toml, report.html with its figures, and summary.json; returns their names.
+    ``times``: "time" of each record in s, and what else the fields have of each time.
 
     Raises:
         PlenoPIVError: one cannot be written, or the file of a pair cannot be read.
@@ -105,7 +106,6 @@ def write_results(
     shown = read_velocity(folder.there(files[number]))
     names = ["experiment.toml", "report.html", "summary.json"]
     if len(records) > 1:
-        times = [recording.mid_time_s(record["pair"]) for record in records]
         there = {number: folder.there(name) for number, name in files.items()}
         write_series(folder.path("velocity.nc"), shown, times, there, {"quality": summary["quality"]})
         names.append("velocity.nc")
@@ -120,7 +120,7 @@ def write_results(
             crops=first.crops,
             views=first.views,
             stacks=first.stacks,
-            series=series_of(recording, records),
+            series=series_of(times["time"], records) if len(times) == 1 else None,
             figures_folder=folder.work / "figures",
             accuracy=score(_all_fields(folder, files)) if score else None,
         )
@@ -129,14 +129,14 @@ def write_results(
     return names + sorted(f"figures/{path.name}" for path in figures.iterdir()) if figures.is_dir() else names
 
 
-def series_of(recording: Recording, records: Sequence[Record]) -> dict[str, Any]:
-    """By pair what the report plots of a series: its time in s, share of vectors replaced, median ratio of peaks and
+def series_of(times_s: Sequence[float], records: Sequence[Record]) -> dict[str, Any]:
+    """By pair what the report plots of a series: its time, share of vectors replaced, median ratio of peaks and
     largest velocity in m/s; NaN of a pair that was set aside."""
     none = {"vectors": 0, "inside_body": 0, "replaced": np.nan, "median_peak_ratio": np.nan}
     numbers = [record["numbers"] or {**none, "largest_velocity_m_s": np.nan} for record in records]
     counts = [max(each["vectors"] - (each["inside_body"] or 0), 1) for each in numbers]
     return {
-        "time_s": [recording.mid_time_s(record["pair"]) for record in records],
+        "time_s": list(times_s),
         "replaced_share": [each["replaced"] / count for each, count in zip(numbers, counts, strict=True)],
         "median_peak_ratio": [each["median_peak_ratio"] for each in numbers],
         "largest_velocity_m_s": [each["largest_velocity_m_s"] for each in numbers],
