@@ -251,6 +251,15 @@ def test_the_share_that_some_views_miss_is_stated():
     assert any("missed by some views" in line for line in Experiment.from_dict(outside).warnings())
 
 
+@pytest.mark.parametrize(
+    ("stated", "moved"), [("none", "none"), ("minimum", "minimum"), ("glow.tif", ("../glow.tif",))]
+)
+def test_where_static_light_comes_from_is_the_same_elsewhere(tmp_path, stated, moved):
+    experiment = Experiment.from_dict(changed("recording.background", stated), tmp_path / "experiment.toml")
+    tables = tomllib.loads(experiment.dump_toml(tmp_path / "results"))
+    assert Experiment.from_dict(tables).recording_table.background == moved
+
+
 def test_the_resolved_file_is_the_same_experiment_elsewhere(tmp_path):
     experiment = Experiment.from_dict(tomllib.loads(TEXT), tmp_path / "run7" / "experiment.toml")
     same = Experiment.from_dict(tomllib.loads(experiment.dump_toml()))

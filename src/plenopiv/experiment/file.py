@@ -248,7 +248,7 @@ class Experiment(Table):
             for key in ("white", "frames", "pairs", "dark"):
                 if key in recording:
                     recording[key] = _each(recording[key], moved)
-            if recording["background"] != "none":
+            if recording["background"] not in ("none", "minimum"):
                 recording["background"] = _each(recording["background"], moved)
             if isinstance(self.recording_table.mask, str):
                 recording["mask"] = moved(self.recording_table.mask)
