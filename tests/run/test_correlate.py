@@ -2,12 +2,17 @@
 
 import json
 import shutil
+import signal
+import subprocess
+import sys
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import tifffile
 import tomli_w
+from conftest import record
 from runs import without_report
 
 import plenopiv
@@ -18,8 +23,11 @@ from plenopiv.experiment import Experiment
 from plenopiv.io import read_velocity
 from plenopiv.io.series_file import open_series
 from plenopiv.io.volumes import read_volume
+from plenopiv.run import kept
 from plenopiv.run.calibrated import calibrated_chain
 from plenopiv.run.judged import PairJudge
+from plenopiv.run.kept import KeptVolumes
+from plenopiv.simulation.simulated_recording import Seeding
 
 WINDOWS = [[40, 40, 24], [32, 32, 20]]
 HOT = (slice(100, 300, 7), slice(200, 340, 7))  # rows, columns
@@ -125,13 +133,11 @@ def test_other_keys_and_a_folder_of_ones_own(masked, tmp_path):
 
 
 def test_sub_windows_that_the_experiment_file_states_stay(results):
-    from plenopiv.run.kept import KeptVolumes
-
-    kept = KeptVolumes.of(results)
-    kept.inputs["settings"]["correlation"]["inner_window"] = [24, 24, 12]
-    tables = kept.experiment.model_dump(by_alias=True, exclude_none=True)
+    volumes = KeptVolumes.of(results)
+    volumes.inputs["settings"]["correlation"]["inner_window"] = [24, 24, 12]
+    tables = volumes.experiment.model_dump(by_alias=True, exclude_none=True)
     tables["correlation"]["inner_window"] = [24, 24, 12]
-    stated = KeptVolumes(results, Experiment.from_dict(tables, kept.experiment.path), kept.manifest, kept.summary)
+    stated = replace(volumes, experiment=Experiment.from_dict(tables, volumes.experiment.path))
     experiment, out = stated.with_correlation({"windows": WINDOWS, "overlap": 0.25})
     assert experiment.correlation.inner_window == (24, 24, 12)
     assert out.name == "results-40x40x24-32x32x20-overlap-0.25"
@@ -214,29 +220,33 @@ def test_other_windows_in_the_same_folder_are_refused(masked, tmp_path):
     assert Experiment.load(tmp_path / "own" / "experiment.toml").correlation.windows == ((40, 40, 24),)
 
 
-def test_what_was_finished_when_it_ended_is_kept(masked, tmp_path, monkeypatch, capsys):
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
+def test_what_was_finished_when_it_was_killed_is_kept(masked, tmp_path, monkeypatch):
     changed = {"windows": [[48, 48, 24]], "fine_passes": 1}
     whole = plenopiv.correlate(masked, out=tmp_path / "whole", **changed)
-    measured, velocity = [], Chain.velocity
-
-    def ending(self, *given):
-        if measured:
-            raise KeyboardInterrupt
-        measured.append(given)
-        return velocity(self, *given)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Chain, "velocity", ending)
-        with pytest.raises(KeyboardInterrupt):
-            plenopiv.correlate(masked, out=tmp_path / "ended", **changed)
+    killed = f"""
+import os, signal, plenopiv
+from plenopiv.chain import Chain
+measured, velocity = [], Chain.velocity
+def killing(self, *given):
+    if measured:
+        os.kill(os.getpid(), signal.SIGKILL)
+    measured.append(given)
+    return velocity(self, *given)
+Chain.velocity = killing
+plenopiv.correlate({str(masked)!r}, out={str(tmp_path / "ended")!r}, **{changed!r})
+"""
+    ended = subprocess.run([sys.executable, "-c", killed], capture_output=True, timeout=300, check=False)
+    assert ended.returncode == -signal.SIGKILL
     assert not (tmp_path / "ended" / "velocity.nc").exists()
+    measured, velocity = [], Chain.velocity
     monkeypatch.setattr(Chain, "velocity", lambda self, *given: measured.append(given) or velocity(self, *given))
     found = plenopiv.correlate(masked, out=tmp_path / "ended", **changed)
-    assert len(measured) == 2
+    assert len(measured) == 1
     assert (found.directory / "velocity.nc").read_bytes() == (whole.directory / "velocity.nc").read_bytes()
     flipped(found.directory / "pairs" / "pair-0000.nc")
     plenopiv.correlate(masked, out=tmp_path / "ended", **changed)
-    assert len(measured) == 3
+    assert len(measured) == 2
     names = ["velocity.nc", "pairs/pair-0000.nc", "pairs/pair-0001.nc"]
     assert all((found.directory / n).read_bytes() == (whole.directory / n).read_bytes() for n in names)
 
@@ -314,3 +324,30 @@ def test_phases_that_do_not_fit_are_one_line(masked, tmp_path, lines, options, w
     assert main(["correlate", str(masked), "--phase", str(tmp_path / "phases.csv"), *options]) == 2
     assert words in capsys.readouterr().err
     assert not list(masked.parent.glob("results-*"))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("hot", [False, True])
+def test_with_static_light_of_the_frames_only_hot_pixels_ask_for_these_again(tmp_path, monkeypatch, hot):
+    """Ten thin pairs with a glow, and a pixel far brighter than any next to it or none."""
+    folder = tmp_path / "recording"
+    for k in range(10):
+        made = record(tmp_path / "made", seed=k, overwrite=True, seeding=Seeding(particles_per_microlens=0.3)).directory
+        shutil.copytree(made, folder, dirs_exist_ok=True)
+        for pulse in "ab":
+            image = tifffile.imread(made / f"{pulse}.tif")
+            image[60:160, 80:240] += 90
+            image[200, 200] += 900 if hot else 0
+            tifffile.imwrite(folder / f"p{k}_{pulse}.tif", image)
+    tables = tomllib.loads((folder / "experiment.toml").read_text())
+    tables["recording"].pop("frames")
+    tables["recording"] |= {"pairs": "p*_{a,b}.tif", "background": "minimum"}
+    tables["reconstruction"] = {"iterations": 1}
+    tables["output"] = {"volumes": True}
+    (folder / "experiment.toml").write_text(tomli_w.dumps(tables))
+    run = plenopiv.process(Experiment.load(folder / "experiment.toml"))
+    read, estimated = [], kept.with_static_light
+    monkeypatch.setattr(kept, "with_static_light", lambda *given: read.append(given) or estimated(*given))
+    again = plenopiv.correlate(run.directory, out=tmp_path / "again")
+    assert len(read) == hot
+    same_bits(again.velocity, run.velocity)

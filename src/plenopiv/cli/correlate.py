@@ -59,16 +59,16 @@ def correlate(
     outcome = told(result)
     if (summed := result.summary.get("ensemble")) is None:
         return outcome
-    counts, out_of_it = summed["pairs"], summed["pairs_left_out"]
-    each = (
-        ""
-        if "phase" not in summed
-        else "phase "
-        + ", ".join(f"{phase:g}: {count}" for phase, count in zip(summed["phase"], counts, strict=True))
-        + "; "
-    )
-    line = f"{sum(counts)} pairs in {len(counts)} ensemble{'s'[: len(counts) > 1]} ({each}{out_of_it} left out)"
-    return replace(outcome, text=f"{line}\n{outcome.text}")
+    return replace(outcome, text=f"{_said(**summed)}\n{outcome.text}")
+
+
+def _said(pairs: list[int], pairs_left_out: int, phase: list[float] | None = None) -> str:
+    """How many pairs make the fields."""
+    total, count = sum(pairs), len(pairs)
+    each = ", ".join(f"{p:g}: {n}" for p, n in zip(phase or [], pairs, strict=False))
+    of_phases = f"phase {each}; " if each else ""
+    text = f"{total} pair{'s'[: total != 1]} in {count} ensemble{'s'[: count > 1]}"
+    return f"{text} ({of_phases}{pairs_left_out} left out)"
 
 
 def sizes_of(text: str, option: str, most: int | None = None) -> list[list[int]]:
