@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from plenopiv.errors import PlenoPIVError
+
+HDF5_NUMBER = re.compile(r"errno = (\d+)")  # within the messages of the HDF5 library, which have no errno of their own
 
 
 @contextmanager
@@ -21,16 +24,37 @@ def written_aside(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     aside = path.with_name(f".{path.name}.{socket.gethostname()}-{os.getpid()}.part")
     try:
-        yield aside
-        with aside.open("rb") as file:
-            os.fsync(file.fileno())
-        os.replace(aside, path)
+        with told_of(path):
+            yield aside
+            with aside.open("rb") as file:
+                os.fsync(file.fileno())
+            os.replace(aside, path)
         sync_names(path.parent)
-    except OSError as error:
-        raise PlenoPIVError(f"{path}: cannot be written ({error.strerror or error})") from None
     finally:
-        with suppress(FileNotFoundError):
+        with suppress(OSError):
             aside.unlink()
+
+
+@contextmanager
+def told_of(path: Path) -> Iterator[None]:
+    """Turn errors of the system, and of the HDF5 library, into a line that names ``path``.
+
+    Raises:
+        PlenoPIVError: a file cannot be written.
+    """
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and type(error) is not RuntimeError:  # a mistake of the program
+            raise
+        raise PlenoPIVError(f"{path}: cannot be written ({reason(error)})") from None
+
+
+def reason(error: Exception) -> str:
+    """Why a file could not be written, as the system says it."""
+    said = getattr(error, "strerror", None) or " ".join(str(error).split())
+    number = HDF5_NUMBER.search(said)
+    return os.strerror(int(number[1])) if number else said[:200]
 
 
 def sync_names(folder: Path) -> None:

@@ -15,10 +15,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from plenopiv.errors import PlenoPIVError
 from plenopiv.io.output import plain
 
 NAME = "manifest.jsonl"
 CHECK = 16  # hexadecimal digits
+NAMED = 3  # changes that a message names
 
 
 @dataclass
@@ -38,20 +40,19 @@ class Manifest:
         except OSError:
             return None
         out = cls()
-        lines = text.splitlines()
-        expected = 0
-        for one in lines:
+        bad, expected = 0, 0
+        for one in text.split("\n")[: -1 if text.endswith("\n") else None]:
             content = whole(one)
             if content is None:
-                continue
-            if "inputs" in content:
-                out.inputs, expected = content["inputs"], content["lines"] + 1
+                bad += 1
+            elif "inputs" in content:
+                out.inputs, expected = content["inputs"], content["lines"]
             elif "pair" in content:
                 out.pairs[int(content["pair"])] = content
             elif "file" in content:
                 out.files[str(content["file"])] = str(content["sha256"])
-        found = len(out.pairs) + len(out.files)
-        out.damaged = expected - found - 1 if out.inputs is not None else max(len(lines) - found, 1)
+        gone = expected - len(out.pairs) - len(out.files) if out.inputs is not None else 1
+        out.damaged = max(bad, gone, int(out.text() != text))
         return out
 
     def text(self) -> str:
@@ -70,14 +71,21 @@ def line(content: Mapping[str, Any]) -> str:
 
 
 def whole(text: str) -> dict[str, Any] | None:
-    """What a line holds, without its hash; None where it is damaged."""
+    """What a line (without its end) holds, without its hash; None where it is not what ``line`` made, byte for byte."""
     try:
         content = json.loads(text)
-        check = content.pop("check")
-    except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
+        del content["check"]
+        return content if line(content) == f"{text}\n" else None
+    except (ValueError, KeyError, TypeError, RecursionError):
         return None
-    body = json.dumps(content, allow_nan=False, sort_keys=True)
-    return content if check == _hash(body) else None
+
+
+def whole_file(path: Path) -> dict[str, Any] | None:
+    """What a file of one line holds, as ``whole``; None where it is missing too."""
+    try:
+        return whole(path.read_text(encoding="utf-8", errors="replace").removesuffix("\n"))
+    except OSError:
+        return None
 
 
 def _hash(body: str) -> str:
@@ -92,6 +100,18 @@ def sha256(path: Path) -> str:
     """
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def hash_of(path: Path) -> str:
+    """``sha256`` of a file that was just written.
+
+    Raises:
+        PlenoPIVError: it cannot be read.
+    """
+    try:
+        return sha256(path)
+    except OSError as error:
+        raise PlenoPIVError(f"{path}: cannot be read ({error.strerror})") from None
 
 
 def is_whole(path: Path, digest: str) -> bool:
@@ -118,6 +138,14 @@ def changes(before: Mapping[str, Any], now: Mapping[str, Any], above: str = "") 
             yield from changes(a, b, name)
         else:
             yield f"{name}: was {_short(a)}, is {_short(b)}"
+
+
+def named_changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """The first ``changes``, for a message; keys that one of both does not have yet are left out."""
+    both = before.keys() & now.keys()
+    found = list(changes({key: before[key] for key in both}, {key: now[key] for key in both}))
+    more = f", and {len(found) - NAMED} more" if len(found) > NAMED else ""
+    return "; ".join(found[:NAMED]) + more
 
 
 def _short(value: Any) -> str:

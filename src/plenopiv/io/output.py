@@ -11,13 +11,16 @@ import math
 import os
 import shutil
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from plenopiv.errors import PlenoPIVError
+from plenopiv.io.lock import FolderLock
 
+STAGE_LOCK = "lock"
 COMPLETE = ("velocity.nc", "summary.json")  # moved last, in this order; both there = a complete run
 
 
@@ -39,6 +42,7 @@ class OutputFolder:
         self.directory = Path(directory)
         self.overwrite = overwrite
         self._stage: Path | None = None
+        self._lock: FolderLock | None = None
         self._made: list[Path] = []
 
     def __enter__(self) -> OutputFolder:
@@ -51,7 +55,8 @@ class OutputFolder:
                 if not folder.exists():
                     folder.mkdir()
                     self._made.append(folder)
-            self._stage = Path(tempfile.mkdtemp(prefix=".plenopiv-", dir=self.directory))
+            sweep_stages(self.directory)
+            self._stage, self._lock = made_stage(self.directory)
         except OSError as error:
             self._remove_stage()
             raise PlenoPIVError(f"{self.directory}: cannot be written ({error.strerror})") from None
@@ -81,6 +86,7 @@ class OutputFolder:
     def _move(self) -> None:
         assert self._stage is not None
         names = [path.relative_to(self._stage) for path in sorted(self._stage.rglob("*")) if path.is_file()]
+        names.remove(Path(STAGE_LOCK))
         staged = sorted(names, key=lambda name: COMPLETE.index(str(name)) if str(name) in COMPLETE else -1)
         try:
             for name in staged:
@@ -96,7 +102,8 @@ class OutputFolder:
             raise PlenoPIVError(f"{self.directory}: cannot be written ({error.strerror})") from None
 
     def _remove_stage(self) -> None:
-        if self._stage is not None:
+        if self._stage is not None and self._lock is not None:
+            self._lock.__exit__()
             shutil.rmtree(self._stage, ignore_errors=True)
             self._stage = None
         while self._made:
@@ -104,6 +111,28 @@ class OutputFolder:
                 self._made.pop().rmdir()
             except OSError:  # someone else put a file there meanwhile
                 break
+
+
+def made_stage(folder: Path, prefix: str = ".plenopiv-") -> tuple[Path, FolderLock]:
+    """A new temporary folder in ``folder``, locked until the lock is given back or the process ends.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    stage = Path(tempfile.mkdtemp(prefix=prefix, dir=folder))
+    try:
+        return stage, FolderLock(stage / STAGE_LOCK).__enter__()
+    except BaseException:
+        shutil.rmtree(stage, ignore_errors=True)
+        raise
+
+
+def sweep_stages(folder: Path, prefix: str = ".plenopiv-") -> None:
+    """Remove the temporary folders that killed processes left in ``folder``."""
+    for stage in folder.glob(f"{prefix}*"):
+        if (stage / STAGE_LOCK).is_file():
+            with suppress(PlenoPIVError), FolderLock(stage / STAGE_LOCK, tries=1):
+                shutil.rmtree(stage, ignore_errors=True)
 
 
 def plain(value: Any) -> Any:

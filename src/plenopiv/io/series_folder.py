@@ -18,14 +18,13 @@ from typing import Any
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io import manifest as manifests
-from plenopiv.io.aside import sync_names, written_aside
+from plenopiv.io.aside import sync_names, told_of, written_aside
 from plenopiv.io.lock import FolderLock
-from plenopiv.io.manifest import Manifest, changes, digest_of, is_whole, sha256
-from plenopiv.io.output import COMPLETE, plain
+from plenopiv.io.manifest import Manifest, digest_of, hash_of, is_whole, named_changes
+from plenopiv.io.output import COMPLETE, plain, sweep_stages
 
-WORK, LOCK, INPUTS = ".plenopiv", "lock", "inputs.json"
+WORK, GONE, LOCK, INPUTS = ".plenopiv", ".plenopiv-gone", "lock", "inputs.json"
 LAST = (*COMPLETE, manifests.NAME)  # moved last, in this order
-NAMED = 3  # changes that a message names
 
 
 class SeriesFolder:
@@ -49,6 +48,7 @@ class SeriesFolder:
         self._mode = "new"  # "repair": whole pairs of the results are kept; "replace": none
         self._known: dict[str, Any] | None = None  # what the pairs that are there depend on
         self._results: Manifest | None = None
+        self._unfinished: dict[str, Any] | None = None  # what the work folder says of itself
 
     def __enter__(self) -> SeriesFolder:
         if self.directory.exists() and not self.directory.is_dir():
@@ -88,16 +88,27 @@ class SeriesFolder:
         Raises:
             PlenoPIVError: results or an unfinished run of other inputs are there, and not ``overwrite``.
         """
-        unfinished = _read_json(self.work / INPUTS)
-        if unfinished is not None and (named := _named(unfinished["inputs"], inputs)):
+        with self._lock.beginning() as none_has_begun:
+            self._begin(inputs, none_has_begun)
+            if self._unfinished is None:
+                self._state(inputs)
+
+    def _begin(self, inputs: Mapping[str, Any], none_has_begun: bool) -> None:
+        unfinished = manifests.whole_file(self.work / INPUTS)
+        if unfinished is not None and (named := named_changes(unfinished["inputs"], inputs)):
             if not self.overwrite:
                 raise PlenoPIVError(
                     f"{self.directory}: holds an unfinished run of other inputs ({named}); --overwrite begins anew, "
                     "another output.directory keeps both"
                 )
+            if not none_has_begun:
+                raise PlenoPIVError(f"{self.directory}: another run, of other inputs ({named}), works in this folder")
             self._clear()
             unfinished = None
+        self._unfinished = unfinished
         self._results = Manifest.read(self.directory / manifests.NAME)
+        if self._results is None and _inputs_of_summary(self.directory) is not None:
+            self._results = Manifest(damaged=1)
         complete = all((self.directory / name).exists() for name in COMPLETE)
         if unfinished is not None:
             self._mode, self._known = unfinished["mode"], unfinished["inputs"]
@@ -112,7 +123,7 @@ class SeriesFolder:
                     f"{self.directory / manifests.NAME}: is damaged, and nothing says what the results are made of; "
                     "use --overwrite, or another output.directory"
                 )
-            if "digest" not in self._known and (named := _named(self._known, inputs)):
+            if "digest" not in self._known and (named := named_changes(self._known, inputs)):
                 raise PlenoPIVError(
                     f"{self.directory}: holds a run of other inputs ({named}); use --overwrite, or another "
                     "output.directory"
@@ -132,15 +143,15 @@ class SeriesFolder:
         self.depends = digest_of(inputs)
         known = self._known
         if known is not None:
-            same = known["digest"] == self.depends if "digest" in known else not _named(known, inputs)
+            same = known["digest"] == self.depends if "digest" in known else not named_changes(known, inputs)
             if not same:
-                named = "other inputs" if "digest" in known else _named(known, inputs)
+                named = "other inputs" if "digest" in known else named_changes(known, inputs)
                 raise PlenoPIVError(
                     f"{self.directory}: holds a run of another calibration ({named}); use --overwrite, or another "
                     "output.directory"
                 )
-        if not (self.work / INPUTS).exists():
-            self._write(INPUTS, json.dumps(plain({"inputs": inputs, "mode": self._mode}), sort_keys=True) + "\n")
+        if self._unfinished is None or self._unfinished["inputs"].keys() != inputs.keys():
+            self._state(inputs)
         self._look()
 
     @property
@@ -151,7 +162,8 @@ class SeriesFolder:
     def path(self, name: str) -> Path:
         """Where to write a file that shall become ``directory / name``."""
         path = self.work / name
-        path.parent.mkdir(parents=True, exist_ok=True)
+        with told_of(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
     def there(self, name: str) -> Path:
@@ -168,7 +180,7 @@ class SeriesFolder:
         Raises:
             PlenoPIVError: the folder cannot be written.
         """
-        kept = plain({**record, "depends": self.depends, "files": {name: sha256(self.work / name) for name in files}})
+        kept = plain({**record, "depends": self.depends, "files": {name: hash_of(self.work / name) for name in files}})
         self._write(_record(kept["pair"]), manifests.line(kept))
         self.finished[kept["pair"]] = kept
         return kept
@@ -179,40 +191,62 @@ class SeriesFolder:
         Raises:
             PlenoPIVError: the folder cannot be written; the next run goes on with it.
         """
-        listed = {name: sha256(self.there(name)) for name in files}
+        listed = {name: hash_of(self.there(name)) for name in files}
         made = Manifest(dict(inputs), self.finished, listed)
         self._write(manifests.NAME, made.text())
-        self._move()
+        self._move(made)
 
     def discard(self) -> None:
-        """Forget what was made of this run."""
-        shutil.rmtree(self.work, ignore_errors=True)
+        """Forget what was made of this run, unless others work on it."""
+        if not self._lock.alone():
+            return
+        gone = self.directory / GONE
+        shutil.rmtree(gone, ignore_errors=True)
+        with suppress(OSError):  # in one step: half of the records would pass for an unfinished run
+            os.rename(self.work, gone)
+        shutil.rmtree(gone, ignore_errors=True)
+        shutil.rmtree(self.work, ignore_errors=True)  # where an open file keeps its folder from being renamed
 
     def _look(self) -> None:
         """Fill ``finished``."""
-        found = dict(self._results.pairs) if self._results else {}
-        if self._results and self._results.damaged:
-            many = self._results.damaged
-            self.words.append(f"{self.directory / manifests.NAME}: {many} line{'s'[: many > 1]} damaged or gone")
+        found = {number: (record, True) for number, record in (self._results.pairs if self._results else {}).items()}
         if self._results:
-            files = self._results.files.items()
-            paths = [self.directory / name for name, digest in files if not is_whole(self.directory / name, digest)]
+            if many := self._results.damaged:
+                self.words.append(f"{self.directory / manifests.NAME}: {many} line{'s'[: many > 1]} damaged or gone")
+            paths = [
+                self.directory / name for name, hashed in self._results.files.items() if not self._has(name, hashed)
+            ]
             self.words += [f"{path}: {_wrong(path)}; it is made again" for path in paths]
         for path in sorted((self.work / "pairs").glob("*.json")):
-            record = manifests.whole(path.read_text(encoding="utf-8", errors="replace").strip())
+            record = manifests.whole_file(path)
             if record is None:
                 self.words.append(f"{path}: is damaged; its pair is measured again")
             else:
-                found[record["pair"]] = record
-        for number, record in sorted(found.items()):
+                found[record["pair"]] = (record, False)
+        for number, (record, published) in sorted(found.items()):
             if record.get("depends") != self.depends:
                 continue
-            broken = [name for name, digest in record["files"].items() if not is_whole(self.there(name), digest)]
+            broken = [name for name, hashed in record["files"].items() if not self._has(name, hashed, published)]
             if broken:
-                wrong = _wrong(self.there(broken[0]))
-                self.words.append(f"{self.directory / broken[0]}: {wrong}; pair {number} is measured again")
+                path = self.directory / broken[0] if published else self.there(broken[0])
+                self.words.append(f"{self.directory / broken[0]}: {_wrong(path)}; pair {number} is measured again")
             else:
                 self.finished[number] = record
+        if self._alone:
+            self._remove_strays()
+
+    def _has(self, name: str, hashed: str, published: bool = True) -> bool:
+        """Whether a file is whole, among the results if it was ``published``: one in the making may be there too."""
+        return is_whole(self.directory / name if published else self.there(name), hashed)
+
+    def _remove_strays(self) -> None:
+        """Remove what a killed run wrote, and no record lists."""
+        known = {LOCK, INPUTS, *(_record(number) for number in self.finished)}
+        known |= {name for record in self.finished.values() for name in record["files"]}
+        for path in self.work.rglob("*"):
+            if path.is_file() and path.relative_to(self.work).as_posix() not in known:
+                with told_of(path):
+                    path.unlink(missing_ok=True)
 
     def _stored(self) -> bool:
         """Whether a finished pair lies in the work folder."""
@@ -223,21 +257,22 @@ class SeriesFolder:
         for path in [*self.work.rglob(".*.part"), *self.directory.glob(".*.part")]:
             with suppress(OSError):
                 path.unlink()
+        sweep_stages(self.directory)
+        shutil.rmtree(self.directory / GONE, ignore_errors=True)
         if (self.work / manifests.NAME).exists():
             made = Manifest.read(self.work / manifests.NAME)
             if made is not None and made.inputs is not None and not made.damaged:
-                self._move()
+                self._move(made)
                 self._made = []
-                self.work.mkdir()
+                self.work.mkdir(exist_ok=True)
                 self._lock.__exit__()
                 self._lock.__enter__()
             else:
                 (self.work / manifests.NAME).unlink()
 
-    def _move(self) -> None:
+    def _move(self, made: Manifest) -> None:
         """Move what the work folder holds into place; what the results before had besides is removed."""
-        made, before = (Manifest.read(folder / manifests.NAME) for folder in (self.work, self.directory))
-        assert made is not None
+        before = Manifest.read(self.directory / manifests.NAME)
         listed = set(made.files) | {name for record in made.pairs.values() for name in record["files"]}
         names = [name for name in sorted(listed - set(LAST)) if (self.work / name).exists()]
         names += [name for name in LAST if (self.work / name).exists()]
@@ -254,18 +289,24 @@ class SeriesFolder:
                 old = set(before.files) | {name for record in before.pairs.values() for name in record["files"]}
                 for name in old - kept:
                     (self.directory / name).unlink(missing_ok=True)
-            sync_names(self.directory)
+            for folder in {(self.directory / name).parent for name in names} | {self.directory}:
+                sync_names(folder)
         except OSError as error:
-            where = error.filename or self.directory
+            where = error.filename2 or error.filename or self.directory
             raise PlenoPIVError(f"{where}: cannot be written ({error.strerror})") from None
         self.discard()
         self._made = []
 
     def _clear(self) -> None:
         """Forget an unfinished run, but not the lock."""
-        for path in self.work.iterdir():
+        for path in sorted(self.work.iterdir(), key=lambda path: path.name == INPUTS):  # that one last
             if path.name != LOCK:
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
+                with told_of(path):
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+    def _state(self, inputs: Mapping[str, Any]) -> None:
+        """Write down what the pairs in the work folder depend on."""
+        self._write(INPUTS, manifests.line({"inputs": inputs, "mode": self._mode}))
 
     def _write(self, name: str, text: str) -> None:
         with written_aside(self.path(name)) as aside:
@@ -288,21 +329,6 @@ def _wrong(path: Path) -> str:
 
 def _record(pair: int) -> str:
     return f"pairs/pair-{pair:04d}.json"
-
-
-def _named(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """The first changes of inputs, for a message; keys that ``now`` does not have yet are left out."""
-    found = list(changes({key: before[key] for key in before if key in now}, now))
-    more = f", and {len(found) - NAMED} more" if len(found) > NAMED else ""
-    return "; ".join(found[:NAMED]) + more
-
-
-def _read_json(path: Path) -> dict[str, Any] | None:
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        return found if {"inputs", "mode"} <= found.keys() else None
-    except (OSError, ValueError, AttributeError):
-        return None
 
 
 def _inputs_of_summary(directory: Path) -> str | None:

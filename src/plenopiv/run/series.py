@@ -101,7 +101,7 @@ def run(
         inputs = with_calibration(inputs, chain, recording)
         folder.settle(inputs)
         _keep_unchanged(folder, recording)
-        if folder.is_complete:
+        if folder.is_complete and len(folder.finished) == len(recording.pairs):
             return RunResult(summary_there(folder), folder.directory, (len(recording.pairs), len(recording.pairs)))
         planned = plan(chain, memory_gb)
         left = [number for number in wanted if number not in folder.finished]
@@ -160,6 +160,9 @@ def _keep_unchanged(folder: SeriesFolder, recording: Recording) -> None:
                 f"{folder.directory}: holds {max(folder.finished) + 1} pairs, the recording {len(recording.pairs)}; "
                 "use --overwrite, or another output.directory"
             )
+        if len(recording.pairs) > 1 and "velocity.nc" in record["files"]:  # it was the only pair then
+            del folder.finished[number]
+            continue
         changed = changed_frame(recording, record)
         if changed is None:
             continue
