@@ -61,7 +61,7 @@ def session(directory: Path, like: object, setting: float = 0.5, overwrite: bool
             write_velocity(folder.path(pair_file(number)), like + number + setting)
             folder.store({"pair": number, "set_aside": None}, [pair_file(number)])
         files = {number: folder.there(pair_file(number)) for number in range(PAIRS)}
-        write_series(folder.path("velocity.nc"), like, [0.0, 1.0, 2.0], files, {})
+        write_series(folder.path("velocity.nc"), like, {"time": [0.0, 1.0, 2.0]}, files, {})
         folder.write_text("summary.json", json.dumps({"inputs_sha256": folder.depends}))
         folder.write_text("figures/a.txt", "a figure")
         folder.publish(["velocity.nc", "summary.json", "figures/a.txt"], now)
