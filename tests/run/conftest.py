@@ -4,9 +4,13 @@ import json
 import shutil
 import subprocess
 import sys
+import tomllib
 from typing import NamedTuple
 
+import numpy as np
 import pytest
+import tifffile
+import tomli_w
 from runs import without_report
 
 import plenopiv
@@ -17,6 +21,7 @@ from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.simulated_recording import simulate_recording
 
+HOT = (slice(100, 300, 7), slice(200, 340, 7))  # rows, columns
 VELOCITY_M_S = (0.11, -0.06, 0.17)  # 3.2, -1.8 and 1.1 voxels in 0.5 ms: another size and sign on each axis
 
 
@@ -92,3 +97,32 @@ def finished(recorded, tmp_path_factory):
     assert ended.returncode == 0, ended.stderr
     summary = json.loads((experiment.output_directory / "summary.json").read_text())
     return Finished(experiment, ended.stdout, ended.stderr, summary)
+
+
+def sequence(recorded, folder, names, **recording):
+    """The recording in ``folder`` as a sequence of the frames ``names``, copies of a.tif and b.tif in turn, with its
+    volumes kept and quickly reconstructed."""
+    shutil.copytree(recorded, folder)
+    for k, name in enumerate(names[2:]):
+        shutil.copy(folder / f"{'ab'[k % 2]}.tif", folder / name)
+    tables = tomllib.loads((folder / "experiment.toml").read_text())
+    tables["recording"] |= {"frames": names} | recording
+    tables["reconstruction"] = {"iterations": 2}
+    tables["output"] = {"volumes": True}
+    (folder / "experiment.toml").write_text(tomli_w.dumps(tables))
+    return Experiment.load(folder / "experiment.toml")
+
+
+@pytest.fixture(scope="session")
+def masked(recorded, tmp_path_factory):
+    """The results of a sequence of three frames, a part of the sensor masked and pixels hot; not to be changed."""
+    folder = tmp_path_factory.mktemp("masked") / "recording"
+    polygon = [[0, 0], [140, 0], [140, 150], [0, 150]]
+    shape = tifffile.imread(recorded / "a.tif").shape
+    dark = np.full(shape, 60, np.uint16)
+    dark[HOT] = 400
+    experiment = sequence(recorded, folder, ["a.tif", "b.tif", "c.tif"], mask=[polygon], dark="dark.tif")
+    tifffile.imwrite(folder / "dark.tif", dark)
+    with pytest.MonkeyPatch.context() as patch:
+        without_report(patch)
+        return plenopiv.process(experiment).directory

@@ -8,11 +8,10 @@ import sys
 import tomllib
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import tifffile
 import tomli_w
-from conftest import record
+from conftest import record, sequence
 from runs import without_report
 
 import plenopiv
@@ -24,13 +23,11 @@ from plenopiv.io import read_velocity
 from plenopiv.io.series_file import open_series
 from plenopiv.io.volumes import read_volume
 from plenopiv.run import kept
-from plenopiv.run.calibrated import calibrated_chain
 from plenopiv.run.judged import PairJudge
 from plenopiv.run.kept import KeptVolumes
 from plenopiv.simulation.simulated_recording import Seeding
 
 WINDOWS = [[40, 40, 24], [32, 32, 20]]
-HOT = (slice(100, 300, 7), slice(200, 340, 7))  # rows, columns
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -40,39 +37,12 @@ def _without_report():
         yield
 
 
-def sequence(recorded, folder, names, **recording):
-    """The recording in ``folder`` as a sequence of the frames ``names``, copies of a.tif and b.tif in turn, with its
-    volumes kept and quickly reconstructed."""
-    shutil.copytree(recorded, folder)
-    for k, name in enumerate(names[2:]):
-        shutil.copy(folder / f"{'ab'[k % 2]}.tif", folder / name)
-    tables = tomllib.loads((folder / "experiment.toml").read_text())
-    tables["recording"] |= {"frames": names} | recording
-    tables["reconstruction"] = {"iterations": 2}
-    tables["output"] = {"volumes": True}
-    (folder / "experiment.toml").write_text(tomli_w.dumps(tables))
-    return Experiment.load(folder / "experiment.toml")
-
-
 def with_windows(experiment, windows, directory):
     """The experiment with other windows and another results folder."""
     tables = experiment.model_dump(by_alias=True, exclude_none=True)
     tables["correlation"]["windows"] = windows
     tables["output"] = {"directory": directory}
     return Experiment.from_dict(tables, experiment.path)
-
-
-@pytest.fixture(scope="module")
-def masked(recorded, tmp_path_factory):
-    """The results of a sequence of three frames, a part of the sensor masked and pixels hot; not to be changed."""
-    folder = tmp_path_factory.mktemp("masked") / "recording"
-    polygon = [[0, 0], [140, 0], [140, 150], [0, 150]]
-    shape = tifffile.imread(recorded / "a.tif").shape
-    dark = np.full(shape, 60, np.uint16)
-    dark[HOT] = 400
-    experiment = sequence(recorded, folder, ["a.tif", "b.tif", "c.tif"], mask=[polygon], dark="dark.tif")
-    tifffile.imwrite(folder / "dark.tif", dark)
-    return plenopiv.process(experiment).directory
 
 
 @pytest.fixture
@@ -122,8 +92,11 @@ def test_the_vectors_of_a_whole_run_with_these_windows_bit_for_bit(masked, resul
     assert (results / "volume-a.h5").read_bytes() == (results / "volume-c.h5").read_bytes()
     assert main(["correlate", str(results), "--windows", "40x40x24,32x32x20"]) == 0
     assert "nothing to do" in capsys.readouterr().err
+    with pytest.raises(PlenoPIVError, match=r"kept no volumes; set output\.volumes = true"):
+        plenopiv.correlate(made, windows=WINDOWS)
 
 
+@pytest.mark.full
 def test_other_keys_and_a_folder_of_ones_own(masked, tmp_path):
     found = plenopiv.correlate(masked, out=tmp_path / "own", overlap=0.3, fine_passes=1, windows=[[48, 48, 24]])
     assert found.directory == tmp_path / "own"
@@ -203,13 +176,12 @@ def test_settings_that_cannot_be_used_are_one_line(masked, options, words, capsy
     assert contents(masked.parent) == before
 
 
-def test_a_run_without_volumes_and_keys_that_are_none_are_refused(finished, masked):
-    with pytest.raises(PlenoPIVError, match="kept no volumes; set output"):
-        plenopiv.correlate(finished.experiment.output_directory, windows=WINDOWS)
+def test_a_key_that_is_none_is_refused(masked):
     with pytest.raises(PlenoPIVError, match=r"correlation\.window"):
         plenopiv.correlate(masked, window=WINDOWS)
 
 
+@pytest.mark.full
 def test_other_windows_in_the_same_folder_are_refused(masked, tmp_path):
     plenopiv.correlate(masked, out=tmp_path / "own", windows=[[48, 48, 24]], fine_passes=1)
     before = contents(tmp_path / "own")
@@ -220,6 +192,7 @@ def test_other_windows_in_the_same_folder_are_refused(masked, tmp_path):
     assert Experiment.load(tmp_path / "own" / "experiment.toml").correlation.windows == ((40, 40, 24),)
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
 def test_what_was_finished_when_it_was_killed_is_kept(masked, tmp_path, monkeypatch):
     changed = {"windows": [[48, 48, 24]], "fine_passes": 1}
@@ -269,61 +242,6 @@ def test_pairs_stay_aside_for_their_frames_but_not_for_their_fields(recorded, tm
     assert aside == run.summary["set_aside"][0]
     valid = open_series(made / "velocity.nc").valid.values
     assert [bool(one.any()) for one in valid] == [False, True, True]
-
-
-def test_an_ensemble_is_one_field_of_all_pairs(masked, tmp_path, capsys):
-    assert main(["correlate", str(masked), "--ensemble", "--out", str(tmp_path / "one"), "--fine-passes", "1"]) == 0
-    assert "2 pairs in 1 ensemble (0 left out)\n" in capsys.readouterr().out
-    made = read_velocity(tmp_path / "one" / "velocity.nc")
-    experiment = Experiment.load(tmp_path / "one" / "experiment.toml")
-    chain, recording, _ = calibrated_chain(experiment, experiment.recording())
-    volumes = [read_volume(masked / f"volume-{name}.h5") for name in "abc"]
-    wanted = chain.ensemble([(volumes[0], volumes[1]), (volumes[1], volumes[2])], recording.dt_s)
-    for name, values in wanted.data_vars.items():
-        assert made[name].values.tobytes() == values.values.tobytes(), name
-    assert made.time.values == pytest.approx([2 * 0.5 * recording.dt_s])
-    assert made.pairs.values.tolist() == [2]
-    summary = json.loads((tmp_path / "one" / "summary.json").read_text())
-    assert summary["ensemble"] == {"pairs": [2], "pairs_left_out": 0}
-    assert set(summary["reconstruction"]) == {"a.tif", "b.tif", "c.tif"}
-
-
-def test_a_field_for_each_phase(masked, tmp_path, capsys):
-    """The first pair moves there, the second one back; of one pair an ensemble is that pair's field."""
-    phases = tmp_path / "encoder.csv"
-    phases.write_text("pair,phase\n0,185\n1,5\n")
-    options = ["--phase", str(phases), "--bins", "2", "--fine-passes", "1"]
-    assert main(["correlate", str(masked), "--ensemble", "--out", str(tmp_path / "two"), *options]) == 0
-    assert "2 pairs in 2 ensembles (phase 0: 1, 180: 1; 0 left out)\n" in capsys.readouterr().out
-    alone = plenopiv.correlate(masked, out=tmp_path / "alone", fine_passes=1).velocity
-    found = open_series(tmp_path / "two" / "velocity.nc")
-    for name in "uvw":
-        np.testing.assert_array_equal(found[name].values, alone[name].values[::-1])
-    assert found.phase.values.tolist() == [0, 180]
-    assert found.phase.units == "degree"
-    assert found.pairs.values.tolist() == [1, 1]
-    assert found.time.values == pytest.approx([0.00075, 0.00025])
-    assert found.swap_dims(time="phase").u.sel(phase=180).dims == ("z", "y", "x")
-    assert main(["correlate", str(masked), "--ensemble", "--out", str(tmp_path / "two"), *options]) == 0
-    assert "nothing to do" in capsys.readouterr().err
-    phases.write_text("pair,phase\n0,5\n1,185\n")
-    assert main(["correlate", str(masked), "--ensemble", "--out", str(tmp_path / "two"), *options]) == 2
-    assert "holds a run of other inputs (ensemble.pairs" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("lines", "options", "words"),
-    [
-        ("0,5\n1,185\n", ["--ensemble", "--bins", "3"], "has a phase of 120 +- 60; use fewer bins than 3"),
-        ("0,5\n2,185\n", ["--ensemble"], "names pair 2, the series has pairs 0 to 1"),
-        ("0,5\n1,185\n", [], "--phase: averages correlations; give --ensemble too"),
-    ],
-)
-def test_phases_that_do_not_fit_are_one_line(masked, tmp_path, lines, options, words, capsys):
-    (tmp_path / "phases.csv").write_text(f"pair,phase\n{lines}")
-    assert main(["correlate", str(masked), "--phase", str(tmp_path / "phases.csv"), *options]) == 2
-    assert words in capsys.readouterr().err
-    assert not list(masked.parent.glob("results-*"))
 
 
 @pytest.mark.full
