@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from plenopiv.cli.options import Scheduler, SchedulerFile, ThreadsOfEach, WorkerCount
 from plenopiv.cli.terminal import Outcome, terminal
 
 app = typer.Typer(
@@ -243,6 +244,10 @@ def run(
             metavar="FIRST-LAST", help="Measure these pairs alone, counted from 0; put together by a later run."
         ),
     ] = None,
+    workers: WorkerCount = None,
+    threads: ThreadsOfEach = None,
+    scheduler: Scheduler = None,
+    scheduler_file: SchedulerFile = None,
 ) -> None:
     """From raw images to velocity: check, calibrate, reconstruct, correlate, report.
 
@@ -257,11 +262,12 @@ def run(
     Example:
         plenopiv run run7/experiment.toml
         plenopiv run run7/experiment.toml --pairs 0-49
+        plenopiv run run7/experiment.toml --workers 4
         python -c "import xarray; print(xarray.open_dataset('run7/results/velocity.nc'))"
     """
     from plenopiv.cli.run import run
 
-    _finish("run", run(experiment, overwrite, memory, force, pairs))
+    _finish("run", run(experiment, overwrite, memory, force, pairs, (workers, threads, scheduler, scheduler_file)))
 
 
 @app.command()

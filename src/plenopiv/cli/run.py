@@ -10,28 +10,39 @@ from plenopiv.cli.progress import Progress
 from plenopiv.cli.terminal import Outcome, command_line
 from plenopiv.errors import PlenoPIVError, printable
 from plenopiv.experiment import Experiment
+from plenopiv.run.workers import Workers
 
 if TYPE_CHECKING:
     from plenopiv.run.series import RunResult
 
 LISTED = 20  # pairs set aside that are named on the terminal
 SET_ASIDE = 3  # exit code of a run that measured some of the pairs
+Where = tuple[int | None, int | None, str | None, Path | None]
 
 
 def run(
-    file: Path, overwrite: bool, memory_gb: float | None = None, force: bool = False, pairs: str | None = None
+    file: Path,
+    overwrite: bool,
+    memory_gb: float | None = None,
+    force: bool = False,
+    pairs: str | None = None,
+    where: Where = (None, None, None, None),
 ) -> Outcome:
-    """Run an experiment file and say where the results are.
+    """Run an experiment file and say where the results are; ``where``: number of workers, threads of each, address of
+    a scheduler, its file.
 
     Raises:
         PlenoPIVError: the experiment file or its images are wrong, the recording is unusable, or the output folder
             holds results of other inputs.
     """
     experiment, chosen = Experiment.load(file), None if pairs is None else pairs_of(pairs)
+    workers = Workers(*where) if any(each is not None for each in where) else None
     from plenopiv.run.series import run as run_series  # here: a mistake in the file is told before the kernels load
 
     with Progress() as progress:
-        result = run_series(experiment, progress, overwrite, memory_gb=memory_gb, force=force, pairs=chosen)
+        result = run_series(
+            experiment, progress, overwrite, memory_gb=memory_gb, force=force, pairs=chosen, workers=workers
+        )
     if chosen is not None:
         done, count = result.measured
         text = f"{done} of {count} pairs are finished; {command_line('run', file)} puts them together"

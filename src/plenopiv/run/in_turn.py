@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 
 from plenopiv.run import duration
 from plenopiv.run.frame import Frame, LostFrame, Progress
@@ -17,7 +17,7 @@ log = logging.getLogger("plenopiv")
 
 def in_turn(
     job: Job, numbers: Sequence[int], planned: Plan, clock: Clock, report: Progress, shown: Shown
-) -> Iterator[PairRecord]:
+) -> Generator[PairRecord, None, None]:
     """The records of the pairs ``numbers``, in their order, their fields written; after the first frame, what time is
     left is told."""
     pairs, held, told = job.recording.pairs, dict[int, Frame | LostFrame](), False

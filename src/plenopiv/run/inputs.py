@@ -28,12 +28,11 @@ def stated_inputs(experiment: Experiment, recording: Recording, force: bool) -> 
     """Inputs that are known before anything is computed: versions, device, settings, and hashes of the images that
     calibrate, of mask and body.
     """
-    known = versions()
     tables = experiment.model_dump(by_alias=True, exclude_none=True)
     tables.pop("simulation", None)
     tables["output"].pop("directory", None)
     return {
-        "versions": {name: known[name] for name in COMPUTING},
+        "versions": computing_versions(),
         "device": "cpu",
         "force": force,
         "settings": plain(tables),
@@ -47,6 +46,12 @@ def calibrating_files(experiment: Experiment, recording: Recording) -> dict[str,
     paths += [recording.mask] if isinstance(recording.mask, Path) else []
     paths += [experiment.folder / experiment.volume.body] if experiment.volume.body else []
     return {path.name: _of_file(path) for path in paths if path is not None}
+
+
+def computing_versions() -> dict[str, str]:
+    """Versions that bits may depend on."""
+    known = versions()
+    return {name: known[name] for name in COMPUTING}
 
 
 def with_calibration(inputs: Mapping[str, Any], chain: Chain, recording: Recording) -> dict[str, Any]:

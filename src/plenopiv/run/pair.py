@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 class PairRecord:
     """What is kept of a pair beside its field: the frames' entries in the manifest, why it was ``set_aside`` if it was,
     findings that are not good, warnings of the frames and of the field, summaries of the frames, and numbers of the
-    field. ``files``: names in the results folder of what was written."""
+    field. ``files``: names in the results folder of what was written. ``again``: it was set aside for no fault of its
+    frames, and the next run tries once more."""
 
     pair: int
     frames: list[dict[str, Any]]
@@ -46,6 +47,7 @@ class PairRecord:
     summaries: dict[str, dict[str, Any]] = field(default_factory=dict)
     numbers: dict[str, Any] = field(default_factory=dict)
     files: list[str] = field(default_factory=list)
+    again: bool = False
 
     def content(self) -> dict[str, Any]:
         """As the manifest has it, without the files."""
@@ -84,12 +86,19 @@ class Job:
         """Frame ``number``, which need not be reconstructed because the other one of its pair is lost."""
         return LostFrame(number, self.recording.frames[number], "")
 
+    def given_up(self, number: int, reason: str) -> PairRecord:
+        """The record of a pair that is set aside for a ``reason`` that lies not in its frames."""
+        frames = [self.not_asked(k).entry for k in self.recording.pairs[number]]
+        return PairRecord(number, frames, set_aside=reason, again=True)
+
     def pair(self, number: int, before: Frame | LostFrame, after: Frame | LostFrame, progress: Progress) -> PairRecord:
         """Measure a pair between its frames and write its field.
 
         Raises:
             PlenoPIVError: a file cannot be written.
         """
+        if isinstance(before, LostFrame):
+            after = self.not_asked(after.number)  # as where it was not made
         record = PairRecord(number, [before.entry, after.entry], warnings=[*before.warned, *after.warned])
         if isinstance(before, LostFrame) or isinstance(after, LostFrame):
             record.set_aside = next(one.reason for one in (before, after) if isinstance(one, LostFrame) and one.reason)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Mapping
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -19,6 +20,7 @@ from plenopiv.experiment import Experiment
 from plenopiv.io.series_folder import SeriesFolder
 from plenopiv.recording import Recording
 from plenopiv.run.calibrated import calibrated_chain
+from plenopiv.run.cluster import on_cluster
 from plenopiv.run.frame import Progress
 from plenopiv.run.in_turn import in_turn
 from plenopiv.run.inputs import changed_frame, stated_inputs, with_calibration
@@ -26,8 +28,10 @@ from plenopiv.run.judged import judged
 from plenopiv.run.log import Clock, kept_warnings
 from plenopiv.run.pair import Job
 from plenopiv.run.plan import plan
+from plenopiv.run.share import limit_of_worker, shared_plan
 from plenopiv.run.shown import Shown
 from plenopiv.run.stored import StoredSeries, ask_for_space, summary_there, tell_kept, tell_plan, times_of
+from plenopiv.run.workers import Workers, started
 from plenopiv.run.written import Score, source
 
 if TYPE_CHECKING:
@@ -67,6 +71,7 @@ def run(
     memory_gb: float | None = None,
     force: bool = False,
     pairs: tuple[int, int] | None = None,
+    workers: Workers | int | None = None,
 ) -> RunResult:
     """Run the whole chain and write the results folder: velocity.nc, summary.json, experiment.toml, report.html
     and its figures, manifest.jsonl; of several pairs a file each in pairs/.
@@ -76,22 +81,27 @@ def run(
     report; a run itself never reads a truth. ``memory_gb``: a run that would take more is cut into tiles, or does not
     begin where these would not help. ``force``: a recording that the checks call unusable is measured all the same, and
     its field carries ``quality = "forced"``. ``pairs``: the first and last pair to measure, from 0; results are then
-    not put together, which a run without it does.
+    not put together, which a run without it does. ``workers``: so many processes on this machine, or those of a Dask
+    scheduler, measure the pairs, with the same bits; ``memory_gb`` is then of all processes on this machine, or of each
+    of a scheduler's workers.
 
     Raises:
         PlenoPIVError: an input cannot be used, the recording is unusable, memory or disk does not suffice, the folder
-            holds results of other inputs, or another run works in it. What was finished before is kept.
+            holds results of other inputs, another run works in it, or the scheduler is gone. What was finished before
+            is kept.
     """
     report = progress or (lambda stage, done, total: None)
     clock = Clock()
     begin, end = (0, None) if pairs is None else (pairs[0], pairs[1] + 1)
-    with kept_warnings() as caught, SeriesFolder(experiment.output_directory, overwrite, begin, end) as folder:
+    opened = SeriesFolder(experiment.output_directory, overwrite, begin, end)
+    with kept_warnings() as caught, opened as folder, ExitStack() as until_measured:
         for line in experiment.warnings():
             warnings.warn(line, PlenoPIVWarning, stacklevel=2)
         recording = experiment.recording()
         wanted = _wanted(recording, pairs)
         inputs = stated_inputs(experiment, recording, force)
         folder.begin(inputs)
+        pool = until_measured.enter_context(started(workers, limit_of_worker(workers, memory_gb)))
         with clock("check"):
             judgement = judged(experiment, recording, force, report)
         with clock("calibration"):
@@ -103,10 +113,10 @@ def run(
         _keep_unchanged(folder, recording)
         if folder.is_complete and len(folder.finished) == len(recording.pairs):
             return RunResult(summary_there(folder), folder.directory, (len(recording.pairs), len(recording.pairs)))
-        planned = plan(chain, memory_gb)
+        planned, share = (plan(chain, memory_gb), None) if pool is None else shared_plan(chain, memory_gb, pool.workers)
         left = [number for number in wanted if number not in folder.finished]
         frames = len({k for number in left for k in recording.pairs[number]})
-        tell_plan(planned, frames, len(left))
+        tell_plan(planned, frames, len(left), None if share is None else share.text)
         ask_for_space(folder, planned, len(left), frames if experiment.output.volumes else 0)
 
         wanted_too = {"volumes": experiment.output.volumes, "gradients": experiment.output.gradients}
@@ -126,7 +136,10 @@ def run(
             report,
             before,
         )
-        series.store(in_turn(job, left, planned, clock, report, shown), len(left))
+        turns = partial(in_turn, planned=planned, report=report) if pool is None else partial(on_cluster, pool=pool)
+        with closing(turns(job, left, clock=clock, shown=shown)) as records:
+            series.store(records, len(left))
+        until_measured.close()
         if pairs is not None:
             done = sum(number in folder.finished for number in range(len(recording.pairs)))
             return RunResult({}, folder.directory, (done, len(recording.pairs)))
@@ -164,13 +177,14 @@ def _keep_unchanged(folder: SeriesFolder, recording: Recording) -> None:
             del folder.finished[number]
             continue
         changed = changed_frame(recording, record)
-        if changed is None:
+        if changed is None and not record.get("again"):
             continue
         if record["set_aside"] is None:
             raise PlenoPIVError(
                 f"{folder.directory}: holds a run of other frames ({changed}); use --overwrite, or another "
                 "output.directory"
             )
+        folder.words.append(f"pair {number} was set aside ({changed or record['set_aside']}); it is measured again")
         del folder.finished[number]
     tell_kept(folder, len(recording.pairs))
 

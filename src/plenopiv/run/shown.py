@@ -48,8 +48,16 @@ class Shown:
 
     def see(self, number: int, frame: Frame | LostFrame) -> None:
         """Take the first frame of a pair, where no earlier one was measured."""
-        if number < self._before and isinstance(frame, Frame) and self._taken is None:
+        if self.wants(number) and isinstance(frame, Frame):
             self._taken = number, FirstFrame.of(self.chain, frame, self.clock)
+
+    def wants(self, number: int) -> bool:
+        """Whether no earlier pair was measured."""
+        return number < self._before and self._taken is None
+
+    def take(self, number: int, first: FirstFrame) -> None:
+        """Take what a worker made of the first frame of a pair."""
+        self._taken = number, first
 
     def of(self, records: Sequence[Mapping[str, Any]], report: Progress) -> FirstFrame:
         """Of the first pair with summaries of its frames in ``records`` of all pairs."""

@@ -132,9 +132,9 @@ def tell_kept(folder: SeriesFolder, count: int) -> None:
         log.info("%d of %d pairs are finished and whole: they are kept", len(folder.finished), count)
 
 
-def tell_plan(planned: Plan, frames: int, pairs: int) -> None:
-    """Say what memory and time so many frames and pairs take."""
-    log.info("memory: about %.2g GB", planned.needed.peak / 1e9)
+def tell_plan(planned: Plan, frames: int, pairs: int, memory: str | None = None) -> None:
+    """Say what memory and time so many frames and pairs take; ``memory`` in words where several processes share it."""
+    log.info("memory: %s", memory or f"about {planned.needed.peak / 1e9:.2g} GB")
     log.info("time: about %s", duration.as_text(planned.takes.run(frames, pairs)))
 
 

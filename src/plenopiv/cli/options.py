@@ -1,0 +1,23 @@
+"""Options of the command line that say where pairs are measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+WorkerCount = Annotated[
+    int | None,
+    typer.Option("--workers", metavar="N", min=1, help="Measure pairs in N processes on this machine (Dask)."),
+]
+ThreadsOfEach = Annotated[
+    int | None, typer.Option("--threads", metavar="T", min=1, help="Of each worker; default: cores divided by N.")
+]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Measure pairs on the workers of a Dask scheduler.")
+]
+SchedulerFile = Annotated[
+    Path | None,
+    typer.Option("--scheduler-file", metavar="FILE", help="The same, by the file that the scheduler writes."),
+]
