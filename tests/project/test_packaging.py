@@ -20,11 +20,12 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 LOCKS = ("requirements.txt", "requirements-dev.txt")
 IMPORTED_AS = {"tomli-w": "tomli_w"}
 INDIRECT = {"h5netcdf", "h5py", "imagecodecs"}  # xarray's engine by name, what it stands on, tifffile's codecs
+INDIRECT |= {"dask-jobqueue"}  # for the user's script
 # Packages under the GPL that are tempting in this field; some pull it in underneath.
 COPYLEFT = {"pyfftw", "openpiv", "astra-toolbox", "pivpy", "pyqt5", "pyqt6"}
 
 
-READERS = ("lavision",)  # extras whose packages the program imports where a user asks for them
+READERS = ("lavision", "cluster")  # extras whose packages the program imports where a user asks for them
 
 
 def pins(*names):
