@@ -24,7 +24,7 @@ def written_aside(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     aside = path.with_name(f".{path.name}.{socket.gethostname()}-{os.getpid()}.part")
     try:
-        with told_of(path):
+        with told_of(path, RuntimeError):  # HDF5's, of a file that cannot be closed
             yield aside
             with aside.open("rb") as file:
                 os.fsync(file.fileno())
@@ -36,17 +36,15 @@ def written_aside(path: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def told_of(path: Path) -> Iterator[None]:
-    """Turn errors of the system, and of the HDF5 library, into a line that names ``path``.
+def told_of(path: Path, also: type[Exception] = OSError) -> Iterator[None]:
+    """Turn errors of the system, and those of one kind more, into a line that names ``path``.
 
     Raises:
         PlenoPIVError: a file cannot be written.
     """
     try:
         yield
-    except (OSError, RuntimeError) as error:
-        if isinstance(error, RuntimeError) and type(error) is not RuntimeError:  # a mistake of the program
-            raise
+    except (OSError, also) as error:
         raise PlenoPIVError(f"{path}: cannot be written ({reason(error)})") from None
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, MutableMapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,12 +23,37 @@ CHECK = 16  # hexadecimal digits
 NAMED = 3  # changes that a message names
 
 
+class Records(MutableMapping[int, dict[str, Any]]):
+    """Records of pairs by their number, held as their lines: a third of the memory, where there are thousands."""
+
+    def __init__(self, records: Mapping[int, Mapping[str, Any]] | None = None) -> None:
+        self._lines: dict[int, bytes] = {}
+        for number, record in (records or {}).items():
+            self[number] = dict(record)
+
+    def __getitem__(self, number: int) -> dict[str, Any]:
+        record: dict[str, Any] = json.loads(self._lines[number])
+        return record
+
+    def __setitem__(self, number: int, record: dict[str, Any]) -> None:
+        self._lines[number] = json.dumps(plain(record), allow_nan=False, sort_keys=True).encode()
+
+    def __delitem__(self, number: int) -> None:
+        del self._lines[number]
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._lines)
+
+    def __len__(self) -> int:
+        return len(self._lines)
+
+
 @dataclass
 class Manifest:
     """What was read of one; ``damaged``: number of lines that are not whole, or missing."""
 
     inputs: dict[str, Any] | None = None
-    pairs: dict[int, dict[str, Any]] = field(default_factory=dict)
+    pairs: MutableMapping[int, dict[str, Any]] = field(default_factory=Records)
     files: dict[str, str] = field(default_factory=dict)
     damaged: int = 0
 

@@ -20,8 +20,8 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.io import manifest as manifests
 from plenopiv.io.aside import sync_names, told_of, written_aside
 from plenopiv.io.lock import FolderLock
-from plenopiv.io.manifest import Manifest, digest_of, hash_of, is_whole, named_changes
-from plenopiv.io.output import COMPLETE, plain, sweep_stages
+from plenopiv.io.manifest import Manifest, Records, digest_of, hash_of, is_whole, named_changes
+from plenopiv.io.output import COMPLETE, sweep_stages
 
 WORK, GONE, LOCK, INPUTS = ".plenopiv", ".plenopiv-gone", "lock", "inputs.json"
 LAST = (*COMPLETE, manifests.NAME)  # moved last, in this order
@@ -39,7 +39,7 @@ class SeriesFolder:
 
     def __init__(self, directory: Path, overwrite: bool = False, first: int = 0, end: int | None = None):
         self.directory, self.work, self.overwrite = directory, directory / WORK, overwrite
-        self.finished: dict[int, dict[str, Any]] = {}
+        self.finished = Records()
         self.depends = ""
         self.words: list[str] = []  # on what was found damaged
         self._lock = FolderLock(self.work / LOCK, first, end)
@@ -116,8 +116,10 @@ class SeriesFolder:
             self._mode = "replace"
         elif self._results is not None:
             self._mode, self._known = "repair", self._results.inputs
-            if self._known is None and (stated := _inputs_of_summary(self.directory)) is not None:
-                self._known = {"digest": stated}
+            stated = {record.get("depends") for record in self._results.pairs.values()}
+            stated |= {_inputs_of_summary(self.directory)} - {None}
+            if self._known is None and stated:
+                self._known = {"digest": stated.pop()}
             if self._known is None:
                 raise PlenoPIVError(
                     f"{self.directory / manifests.NAME}: is damaged, and nothing says what the results are made of; "
@@ -180,9 +182,12 @@ class SeriesFolder:
         Raises:
             PlenoPIVError: the folder cannot be written.
         """
-        kept = plain({**record, "depends": self.depends, "files": {name: hash_of(self.work / name) for name in files}})
-        self._write(_record(kept["pair"]), manifests.line(kept))
-        self.finished[kept["pair"]] = kept
+        hashes = {name: hash_of(self.work / name) for name in files}
+        line = manifests.line({**record, "depends": self.depends, "files": hashes})
+        self._write(_record(record["pair"]), line)
+        kept = manifests.whole(line.removesuffix("\n"))
+        assert kept is not None
+        self.finished[record["pair"]] = kept  # as the next run will read it: the order of keys is that of the report
         return kept
 
     def publish(self, files: Iterable[str], inputs: Mapping[str, Any]) -> None:
@@ -209,7 +214,7 @@ class SeriesFolder:
 
     def _look(self) -> None:
         """Fill ``finished``."""
-        found = {number: (record, True) for number, record in (self._results.pairs if self._results else {}).items()}
+        stored = Records()
         if self._results:
             if many := self._results.damaged:
                 self.words.append(f"{self.directory / manifests.NAME}: {many} line{'s'[: many > 1]} damaged or gone")
@@ -222,8 +227,11 @@ class SeriesFolder:
             if record is None:
                 self.words.append(f"{path}: is damaged; its pair is measured again")
             else:
-                found[record["pair"]] = (record, False)
-        for number, (record, published) in sorted(found.items()):
+                stored[record["pair"]] = record
+        results = self._results.pairs if self._results else Records()
+        for number in sorted(stored.keys() | results.keys()):
+            published = number not in stored
+            record = (results if published else stored)[number]
             if record.get("depends") != self.depends:
                 continue
             broken = [name for name, hashed in record["files"].items() if not self._has(name, hashed, published)]

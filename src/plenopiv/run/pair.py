@@ -8,6 +8,7 @@ A ``Job`` is plain data that pickles, so that its frames and pairs can be measur
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -71,12 +72,16 @@ class Job:
         """Frame ``number`` (from 0), reconstructed, and its volume written where volumes are kept.
 
         Raises:
-            PlenoPIVError: that cannot be written.
+            PlenoPIVError: that cannot be written; or the frame's file is gone since the run began: others will be too,
+                and the cause can be removed.
         """
         with caught_warnings() as said:
             try:
                 found = reconstructed(self.chain, self.recording, number, progress)
             except PlenoPIVError as error:
+                path = self.recording.frames[number].path
+                if number not in self.recording.damaged and not os.path.exists(path):
+                    raise PlenoPIVError(f"{path}: is gone since the run began") from None
                 return LostFrame(number, self.recording.frames[number], str(error), tuple(said))
         if self.volumes:
             write_volume(self._path(volume_file(self.recording, number)), found.found.volume)

@@ -10,6 +10,7 @@ import numpy as np
 
 import plenopiv
 from plenopiv.experiment import Experiment
+from plenopiv.io.aside import told_of
 from plenopiv.io.netcdf import read_velocity
 from plenopiv.io.output import plain
 from plenopiv.io.series_file import write_series
@@ -109,7 +110,7 @@ def write_results(
         there = {number: folder.there(name) for number, name in files.items()}
         write_series(folder.path("velocity.nc"), shown, times, there, {"quality": summary["quality"]})
         names.append("velocity.nc")
-    with clock("report"):
+    with clock("report"), told_of(folder.path("report.html")):
         folder.write_text("experiment.toml", experiment.dump_toml(experiment.output_directory))
         write_report(
             folder.path("report.html"),

@@ -1,0 +1,120 @@
+"""Campaign with series of pairs: is anything lost, or computed twice, whatever happens to a run or to its results?
+
+    campaigns/series.py                    all that has no result yet; call it again to go on after a stop
+    campaigns/series.py kills damages      these alone: kills, damages, faults, long
+    campaigns/series.py --again failed     those that failed once more; --again all: every case
+    campaigns/series.py table              write docs/series-tried.md from the results
+
+Results are in campaigns/results/series.json. Faults needs a Linux where it may mount (root in a container can).
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import os
+import platform
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import series_damages
+import series_faults
+import series_kills
+import series_long
+from series_runs import SEED, Series
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "campaigns" / "results" / "series.json"
+PAGE = ROOT / "docs" / "series-tried.md"
+PAIRS, KILLS, DAMAGES, FAULTS = 20, 50, 100, 39
+KINDS: dict[str, tuple[Callable[[Any, int], dict[str, Any]], str, int]] = {
+    "kills": (series_kills.tried, "kills", KILLS),
+    "damages": (series_damages.tried, "damages", DAMAGES),
+    "faults": (series_faults.tried, "faults", FAULTS),
+    "long": (series_long.tried, "pairs", len(series_long.LENGTHS)),
+}
+
+
+class Results:
+    """Results by kind and case; written after each case."""
+
+    def __init__(self, path: Path):
+        held = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+        self.path, self.kinds = path, held.get("kinds", {}) if held.get("seed") == SEED else {}
+
+    def cases(self, kind: str) -> dict[str, dict[str, Any]]:
+        """Of a kind, by number."""
+        return self.kinds.setdefault(kind, {})
+
+    def count(self, kind: str, counted: str) -> int:
+        """How many kills, damages, faults there were."""
+        return sum(len(case[counted]) for case in self.cases(kind).values())
+
+    def failed(self, kind: str) -> list[str]:
+        """Numbers of the cases that went wrong."""
+        return [number for number, case in self.cases(kind).items() if case["why"]]
+
+    def save(self) -> None:
+        """Write the file, in one step."""
+        machine = {"processor": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()}
+        aside = self.path.with_suffix(f".{os.getpid()}.new")
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        held = {"seed": SEED, "machine": machine, "kinds": self.kinds}
+        aside.write_text(json.dumps(held, indent=1) + "\n", encoding="utf-8")
+        os.replace(aside, self.path)
+
+
+def arguments(given: list[str] | None = None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", nargs="*", help="kills, damages, faults, long, table")
+    parser.add_argument("--again", choices=("failed", "all"), help="forget the results that there are")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="file of results")
+    return parser.parse_args(given)
+
+
+def run(kinds: list[str], results: Results, folder: Path) -> bool:
+    """Try what is left; whether all went well."""
+    series = None
+    for kind in kinds:
+        tried, counted, wanted = KINDS[kind]
+        if kind == "faults" and not series_faults.can_mount():
+            print("faults: this process may not mount; left out")
+            continue
+        while results.count(kind, counted) < wanted:
+            if kind != "long":
+                series = series or Series.made(folder / "series", PAIRS)
+            began = time.monotonic()
+            number = next(n for n in itertools.count() if str(n) not in results.cases(kind))
+            case = tried(series or folder, number) | {"seconds": round(time.monotonic() - began, 1)}
+            results.cases(kind)[str(number)] = case
+            results.save()
+            print(f"{kind} {number}: {results.count(kind, counted)} of {wanted} {case['why'] or ''}", flush=True)
+    return not any(results.failed(kind) for kind in kinds)
+
+
+def main(given: list[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    options = arguments(given)
+    results = Results(options.results)
+    kinds = [kind for kind in KINDS if kind in options.what or not options.what]
+    for kind in kinds if options.again else ():
+        for number in results.failed(kind) if options.again == "failed" else list(results.cases(kind)):
+            del results.cases(kind)[number]
+    with tempfile.TemporaryDirectory(prefix="plenopiv-series-") as folder:
+        try:
+            return 0 if run(kinds, results, Path(folder)) else 1
+        except KeyboardInterrupt:
+            print("stopped; the same command goes on where it was", file=sys.stderr)
+            return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())
