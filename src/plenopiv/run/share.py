@@ -9,11 +9,12 @@ import numba
 from plenopiv.chain import Chain
 from plenopiv.errors import PlenoPIVError
 from plenopiv.run import memory
+from plenopiv.run.memory import MemoryEstimate
 from plenopiv.run.plan import Plan, plan
 from plenopiv.run.workers import Workers
 
 DASK = 60e6  # bytes of Dask in a worker, and of a client in the main process
-SCHEDULER = 130e6  # bytes of the process that holds Dask's scheduler, on this machine
+SCHEDULER = 200e6  # bytes of the process that holds Dask's scheduler, on this machine
 HELD = 2  # frames that a worker holds beside those of the pair that it measures
 SLACK = 1.1  # of its part: a worker that takes more is ended
 
@@ -54,17 +55,22 @@ def shared_plan(chain: Chain, memory_gb: float | None, workers: Workers) -> tupl
     """
     whole, count = plan(chain), workers.count or 0
     main = memory.REPORT + DASK + whole.needed.images
-    more = DASK + HELD * (whole.needed.images / 2 + memory.KEPT * whole.needed.volumes)
+    more = DASK + HELD * (whole.needed.images / 2 + memory.KEPT * whole.needed.volumes) - _of_report(whole.needed)
     planned = whole
     if memory_gb is not None:
         each = 1e9 * memory_gb if count == 0 else (1e9 * memory_gb - main - SCHEDULER) / count
         try:
             planned = plan(chain, max(each - more, 0.0) / 1e9)
         except PlenoPIVError as error:
-            less = f" on {count} workers; fewer take less" if count > 1 else " on a worker"
-            raise PlenoPIVError(f"{error}{less}") from None
+            raise PlenoPIVError(f"{error} (each of {count} workers)" if count > 1 else f"{error} (a worker)") from None
     if count:
         faster = count * (workers.threads_of_each or 1) / numba.get_num_threads()
         takes = replace(planned.takes, frame=planned.takes.frame / faster, pair=planned.takes.pair / faster)
         planned = replace(planned, takes=takes)
     return planned, Share(main, planned.needed.peak + more, count)
+
+
+def _of_report(needed: MemoryEstimate) -> float:
+    """Bytes of a whole run's peak that drawing the report takes, which no worker does."""
+    without = memory.BASE + max(needed.light_field + needed.volumes, needed.layers) + needed.images
+    return needed.peak - without
