@@ -81,6 +81,8 @@ class Processes:
             pass_fds=[lock],
         )
         self.running.add(process.pid)
+        if self.stopped:  # meanwhile: ``stop`` has not seen it
+            _end(process.pid)
         try:
             said, _ = process.communicate(timeout=max(timeout_s, 0.1))
         finally:
