@@ -224,6 +224,7 @@ plenopiv.correlate({str(masked)!r}, out={str(tmp_path / "ended")!r}, **{changed!
     assert all((found.directory / n).read_bytes() == (whole.directory / n).read_bytes() for n in names)
 
 
+@pytest.mark.full
 def test_pairs_stay_aside_for_their_frames_but_not_for_their_fields(recorded, tmp_path, monkeypatch, capsys):
     """The first frame is damaged, and the field of the last pair was bad with the run's windows."""
     names = ["a.tif", "b.tif", "c.tif", "d.tif"]

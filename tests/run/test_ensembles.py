@@ -16,6 +16,7 @@ from plenopiv.run.calibrated import calibrated_chain
 pytestmark = pytest.mark.usefixtures("without_report")
 
 
+@pytest.mark.full
 def test_an_ensemble_is_one_field_of_all_pairs(masked, tmp_path, capsys):
     assert main(["correlate", str(masked), "--ensemble", "--out", str(tmp_path / "one"), "--fine-passes", "1"]) == 0
     assert "2 pairs in 1 ensemble (0 left out)\n" in capsys.readouterr().out
