@@ -20,8 +20,7 @@ import plenopiv
 from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
-from plenopiv.run import workers
-from plenopiv.run.local_cluster import settings
+from plenopiv.run import local_cluster, workers
 from plenopiv.run.share import limit_of_worker
 from plenopiv.run.workers import Workers
 
@@ -186,6 +185,28 @@ def test_a_killed_worker_costs_what_it_had_in_work(folder, in_turn, watched):
 
 
 @pytest.mark.full
+def test_workers_that_are_killed_while_they_start_come_back(tmp_path):
+    command, given = local_cluster.command(2, 1, None, tmp_path), local_cluster.environment(1)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
+    with subprocess.Popen(command, env=os.environ | given, **pipes) as helper:
+        address, process = helper.stdout.readline().strip(), psutil.Process(helper.pid)
+        with distributed.Client(address, set_as_default=False) as client:
+            for _ in range(8):
+                for child in process.children():
+                    if "spawn_main" in " ".join(child.cmdline()):
+                        child.kill()
+                time.sleep(0.4)
+            until = time.monotonic() + 120
+            while len(client.nthreads()) < 2:
+                assert time.monotonic() < until
+                time.sleep(0.1)
+        started_last = process.children(recursive=True)
+        helper.stdin.close()
+        assert helper.wait(timeout=10) == 0
+        assert not psutil.wait_procs(started_last, timeout=10)[1]
+
+
+@pytest.mark.full
 @pytest.mark.parametrize("end", ["scheduler", "interrupt", "terminate", "kill"])
 def test_what_is_finished_is_kept(folder, watched, end):
     """The scheduler dies, or the run is stopped: no process stays, and the same command goes on."""
@@ -277,7 +298,7 @@ def test_options_that_do_not_go_together(folder, options, words, capsys):
 
 
 def test_threads_and_memory_of_workers():
-    assert settings(3)["distributed.nanny.pre-spawn-environ"] == {
+    assert local_cluster.settings(3)["distributed.nanny.pre-spawn-environ"] == {
         "NUMBA_NUM_THREADS": "3",
         "OMP_NUM_THREADS": "3",
         "OPENBLAS_NUM_THREADS": "3",

@@ -12,6 +12,7 @@ import logging
 import os
 import pickle
 import socket
+import time
 import uuid
 from asyncio import CancelledError
 from collections import deque
@@ -29,6 +30,7 @@ from plenopiv.run.workers import Pool
 
 log = logging.getLogger("plenopiv")
 LOOK_S = 1.0  # between looks at how many workers there are
+START_S = 600.0  # that workers on this machine may take to start again
 AGAIN = "the next run tries it again"
 
 
@@ -54,7 +56,8 @@ def on_cluster(
             while waiting or flight.pairs or suspects:
                 if not waiting and not flight.pairs:
                     waiting, suspects, alone = deque(sorted(suspects)), [], True
-                while waiting and len(flight.pairs) < (1 if alone else flight.workers() + 1):
+                workers = flight.workers()
+                while waiting and len(flight.pairs) < (1 if alone else workers + 1):
                     number = waiting.popleft()
                     of_frame = [lost[k] for k in job.recording.pairs[number] if k in lost]
                     if of_frame:
@@ -89,7 +92,7 @@ class _Flight:
         self._frames: dict[int, Any] = {}
         self._first: tuple[int, Any] | None = None
         self._run, self._count = uuid.uuid4().hex[:8], itertools.count()
-        self._waited = False
+        self._waited, self._seen = False, time.monotonic()
 
     def submit(self, number: int) -> None:
         """Put a pair in work, with those of its frames that are not."""
@@ -113,7 +116,12 @@ class _Flight:
         """How many there are now."""
         with self._talking():
             count = len(self.client.nthreads())
-        if count == 0 and not self._waited and self.pool.workers.count is None:
+        now = time.monotonic()
+        if count:
+            self._seen = now
+        elif self.pool.workers.count is not None and now - self._seen > START_S:
+            raise PlenoPIVError("no worker starts on this machine any more; what is finished is kept")
+        elif self.pool.workers.count is None and not self._waited:
             self._waited = True
             log.info("%s: has no worker at the moment; waiting for one", self.pool.name)
         return count

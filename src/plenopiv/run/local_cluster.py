@@ -22,6 +22,8 @@ from typing import Any
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 TERMINATED = 0.95  # of a worker's memory, from which it is ended
 PATIENCE_S = 5.0
+WATCH_S = 1.0  # between looks at the workers
+LOST = "5 minutes"  # after which a worker that starts is given up: on a busy machine it takes long
 DEATHS = 2  # of its worker, after which a task is not tried once more beside others
 PROGRAM = "import json, sys; asked = json.loads(sys.argv[1]); sys.path[:] = asked['path']; "
 PROGRAM += "from plenopiv.run.local_cluster import main; main(asked)"
@@ -45,6 +47,7 @@ def settings(threads: int, preloaded: Sequence[str] = ()) -> dict[str, Any]:
     return {
         "distributed.nanny.pre-spawn-environ": environment(threads),
         "distributed.scheduler.allowed-failures": DEATHS,
+        "distributed.deploy.lost-worker-timeout": LOST,
         "distributed.worker.memory.target": False,
         "distributed.worker.memory.spill": False,
         "distributed.worker.memory.pause": False,
@@ -56,8 +59,8 @@ def settings(threads: int, preloaded: Sequence[str] = ()) -> dict[str, Any]:
 
 def main(asked: Mapping[str, Any]) -> None:
     """Start scheduler and workers, tell their address, and go on until standard input ends."""
-    nannies: dict[Any, Any] = {}
-    ends = threading.Thread(target=_end_with_input, args=[nannies], daemon=True)
+    clusters: list[Any] = []
+    ends = threading.Thread(target=_end_with_input, args=[clusters], daemon=True)
     ends.start()
 
     import dask
@@ -73,18 +76,32 @@ def main(asked: Mapping[str, Any]) -> None:
             silence_logs=logging.CRITICAL,
             local_directory=asked["folder"],
         )
-        nannies.update(cluster.workers)
+        clusters.append(cluster)
         print(cluster.scheduler_address, flush=True)
-        ends.join()
+        while ends.is_alive():
+            ends.join(WATCH_S)
+            _start_again(cluster, asked["count"])
 
 
-def _end_with_input(nannies: Mapping[Any, Any]) -> None:
+def _start_again(cluster: Any, count: int) -> None:
+    """Have as many workers again as were asked for: a nanny starts its worker anew, but gives up where that one dies
+    while it starts."""
+    from distributed import Status
+
+    for name, nanny in list(cluster.workers.items()):
+        if nanny.status in (Status.closed, Status.failed):
+            cluster.workers.pop(name, None)
+    cluster.scale(count)
+
+
+def _end_with_input(clusters: Sequence[Any]) -> None:
     """End this process and its workers, whatever they do, when standard input ends."""
     sys.stdin.read()
     import psutil
 
-    for nanny in list(nannies.values()):
-        nanny.auto_restart = False
+    for cluster in clusters:
+        for nanny in list(cluster.workers.values()):
+            nanny.auto_restart = False
     workers = psutil.Process().children(recursive=True)
     for worker in workers:
         with suppress(psutil.Error):

@@ -102,6 +102,8 @@ def _at_work(handle: Handle) -> Iterator[JobOnWorker]:
         numba.set_num_threads(min(handle.threads or _threads_of_worker(), numba.config.NUMBA_NUM_THREADS))
         try:
             yield _job(handle)
+        except RecursionError as error:  # Dask 2026.8 cannot report one, and the run would wait for ever
+            raise RuntimeError(str(error)) from None
         finally:
             numba.set_num_threads(before)
 
