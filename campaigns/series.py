@@ -38,7 +38,7 @@ KINDS: dict[str, tuple[Callable[[Any, int], dict[str, Any]], str, int]] = {
     "kills": (series_kills.tried, "kills", KILLS),
     "damages": (series_damages.tried, "damages", DAMAGES),
     "faults": (series_faults.tried, "faults", FAULTS),
-    "long": (series_long.tried, "pairs", len(series_long.LENGTHS)),
+    "long": (series_long.tried, "runs", len(series_long.LENGTHS)),
 }
 
 

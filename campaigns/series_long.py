@@ -57,7 +57,8 @@ def long_run(folder: Path, pairs: int) -> dict[str, Any]:
     beside = seconds - sum(took[stage] for stage in ("check", "calibration", "reconstruction", "correlation", "report"))
     shutil.rmtree(recording)
     return {
-        "pairs": [pairs],  # one run
+        "pairs": pairs,
+        "runs": [pairs],
         "seconds_of_run": round(seconds, 1),
         "timings_s": {stage: round(s, 2) for stage, s in took.items()},
         "beside_s": round(beside, 2),

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import os
-import re
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from plenopiv.errors import PlenoPIVError
-
-HDF5_NUMBER = re.compile(r"errno = (\d+)")  # within the messages of the HDF5 library, which have no errno of their own
 
 
 @contextmanager
@@ -24,7 +23,7 @@ def written_aside(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     aside = path.with_name(f".{path.name}.{socket.gethostname()}-{os.getpid()}.part")
     try:
-        with told_of(path, RuntimeError):  # HDF5's, of a file that cannot be closed
+        with told_of(path):
             yield aside
             with aside.open("rb") as file:
                 os.fsync(file.fileno())
@@ -35,24 +34,98 @@ def written_aside(path: str | Path) -> Iterator[Path]:
             aside.unlink()
 
 
+class Unfailing(io.RawIOBase):
+    """A new file for the HDF5 library, which crashes when it cannot write: it is told that all was written, and what
+    went wrong is kept in ``error``."""
+
+    def __init__(self, path: Path):
+        self._file = path.open("w+b", buffering=0)
+        self.error: OSError | None = None
+
+    def write(self, content: Any) -> int:
+        """Write all of ``content`` where the file stands; from the first failure on nothing."""
+        left = memoryview(content).cast("B")
+        size = len(left)
+        try:
+            while left and self.error is None:
+                left = left[self._file.write(left) :]
+        except OSError as error:
+            self.error = error
+        return size
+
+    def check(self) -> None:
+        """Raise what went wrong, as an OSError."""
+        if self.error is not None:
+            raise self.error
+
+    def readinto(self, buffer: Any) -> int:
+        """Read into ``buffer``; zeros where nothing was written."""
+        view = memoryview(buffer).cast("B")
+        found = self._file.readinto(view)
+        view[found:] = bytes(len(view) - found)
+        return len(view)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """As of any file."""
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        """As of any file."""
+        return self._file.tell()
+
+    def truncate(self, size: int | None = None) -> int:
+        """As of any file, but without failing."""
+        try:
+            return self._file.truncate(size)
+        except OSError as error:
+            self.error = self.error or error
+            return size or 0
+
+    def readable(self) -> bool:
+        """It is."""
+        return True
+
+    def writable(self) -> bool:
+        """It is."""
+        return True
+
+    def seekable(self) -> bool:
+        """It is."""
+        return True
+
+    def close(self) -> None:
+        """Close the file."""
+        super().close()
+        self._file.close()
+
+
 @contextmanager
-def told_of(path: Path, also: type[Exception] = OSError) -> Iterator[None]:
-    """Turn errors of the system, and those of one kind more, into a line that names ``path``.
+def hdf5_aside(path: str | Path) -> Iterator[Unfailing]:
+    """``written_aside``, as a file object for h5py.
+
+    Raises:
+        PlenoPIVError: as there.
+    """
+    with written_aside(path) as aside, closing(Unfailing(aside)) as file:
+        try:
+            yield file
+        except Exception:
+            if file.error is None:
+                raise
+        file.check()
+
+
+@contextmanager
+def told_of(path: Path) -> Iterator[None]:
+    """Turn errors of the system into a line that names ``path``.
 
     Raises:
         PlenoPIVError: a file cannot be written.
     """
     try:
         yield
-    except (OSError, also) as error:
-        raise PlenoPIVError(f"{path}: cannot be written ({reason(error)})") from None
-
-
-def reason(error: Exception) -> str:
-    """Why a file could not be written, as the system says it."""
-    said = getattr(error, "strerror", None) or " ".join(str(error).split())
-    number = HDF5_NUMBER.search(said)
-    return os.strerror(int(number[1])) if number else said[:200]
+    except OSError as error:
+        raise PlenoPIVError(f"{path}: cannot be written ({error.strerror or error})") from None
 
 
 def sync_names(folder: Path) -> None:

@@ -61,7 +61,7 @@ class Manifest:
     def read(cls, path: Path) -> Manifest | None:
         """The manifest of a file; None where there is none."""
         try:
-            text = path.read_text(encoding="utf-8", errors="replace")
+            text = path.read_bytes().decode(errors="replace")
         except OSError:
             return None
         out = cls()
@@ -108,7 +108,7 @@ def whole(text: str) -> dict[str, Any] | None:
 def whole_file(path: Path) -> dict[str, Any] | None:
     """What a file of one line holds, as ``whole``; None where it is missing too."""
     try:
-        return whole(path.read_text(encoding="utf-8", errors="replace").removesuffix("\n"))
+        return whole(path.read_bytes().decode(errors="replace").removesuffix("\n"))
     except OSError:
         return None
 

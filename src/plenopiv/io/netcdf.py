@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.hdf5 import contradiction, damage
-from plenopiv.io.aside import written_aside
+from plenopiv.io.aside import hdf5_aside
 
 if TYPE_CHECKING:
     import xarray
@@ -35,8 +35,20 @@ def write_velocity(path: str | Path, dataset: xarray.Dataset) -> None:
         for name, variable in dataset.data_vars.items()
         if variable.ndim > 0
     }
-    with written_aside(path) as aside:
-        dataset.to_netcdf(aside, engine="h5netcdf", encoding=encoding)
+    write_dataset(path, dataset, encoding)
+
+
+def write_dataset(path: str | Path, dataset: xarray.Dataset, encoding: Mapping[Any, Mapping[str, Any]]) -> None:
+    """Write a dataset as netCDF4, with xarray's ``encoding`` of its variables.
+
+    Raises:
+        PlenoPIVError: as ``write_velocity``.
+    """
+    import h5netcdf
+    from xarray.backends import H5NetCDFStore
+
+    with hdf5_aside(path) as aside, h5netcdf.File(aside, "w") as file:
+        dataset.dump_to_store(H5NetCDFStore(file), encoding=dict(encoding))
 
 
 def read_velocity(path: str | Path) -> xarray.Dataset:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.io.aside import written_aside
+from plenopiv.io.aside import hdf5_aside
 from plenopiv.io.netcdf import COMPRESSED, DIMS
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def write_series(
 
     shape = tuple(like.sizes[axis] for axis in DIMS[1:])
     fields = [name for name, variable in like.data_vars.items() if variable.ndim == len(DIMS)]
-    with written_aside(path) as aside:
+    with hdf5_aside(path) as aside:
         with h5netcdf.File(aside, "w") as file:
             file.dimensions = {"time": len(times["time"]), **dict(zip(DIMS[1:], shape, strict=True))}
             file.attrs.update(dict(like.attrs) | dict(attributes))
@@ -62,9 +62,11 @@ def write_series(
                 filled = {"fillvalue": kind.type(np.nan)} if kind.kind == "f" else {}  # else HDF5's own, which is 0
                 made = file.create_variable(str(name), DIMS, kind, chunks=(1, *shape), **filled, **COMPRESSED)
                 made.attrs.update({key: value for key, value in like[name].attrs.items() if key != "_FillValue"})
+        aside.check()
         with h5py.File(aside, "r+") as file:
             for number in sorted(files):
                 _copy(files[number], file, [str(name) for name in fields], number)
+                aside.check()
 
 
 def _copy(path: Path, into: Any, names: Sequence[str], number: int) -> None:

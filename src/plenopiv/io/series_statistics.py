@@ -11,8 +11,7 @@ import numpy as np
 
 from plenopiv.errors import PlenoPIVError, brief
 from plenopiv.hdf5 import contradiction, damage
-from plenopiv.io.aside import written_aside
-from plenopiv.io.netcdf import DIMS, _check
+from plenopiv.io.netcdf import DIMS, _check, write_dataset
 from plenopiv.statistics import Phases, PhaseStatistics, SeriesStatistics
 
 if TYPE_CHECKING:
@@ -114,5 +113,4 @@ def write_statistics(path: str | Path, statistics: xarray.Dataset) -> None:
     """
     compressed = {"zlib": True, "complevel": 4, "shuffle": True}
     encoding = {name: compressed for name, variable in statistics.data_vars.items() if variable.ndim > 0}
-    with written_aside(path) as aside:
-        statistics.to_netcdf(aside, engine="h5netcdf", encoding=encoding)
+    write_dataset(path, statistics, encoding)

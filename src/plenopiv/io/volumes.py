@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError, brief
 from plenopiv.hdf5 import damage
-from plenopiv.io.aside import written_aside
+from plenopiv.io.aside import hdf5_aside
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 FORMAT, VERSION = b"PlenoPIV volume", 1
@@ -39,7 +39,7 @@ def write_volume(path: str | Path, volume: SparseVolume) -> None:
     grid, count = volume.grid, volume.values.size
     packed: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuffle": True}
     with (
-        written_aside(path) as aside,
+        hdf5_aside(path) as aside,
         h5py.File(aside, "w", libver=(LIBRARY, LIBRARY), rdcc_nbytes=16 * BLOCK, meta_block_size=512) as file,
     ):
         file.attrs["format"], file.attrs["version"] = np.bytes_(FORMAT), VERSION

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plenopiv.io.aside import written_aside
+from plenopiv.io.aside import hdf5_aside
 from plenopiv.volume import Volume
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def _image(
     """The group of a new file's point data; the file takes its name when it is whole."""
     import h5py
 
-    with written_aside(path) as aside, h5py.File(aside, "w") as file:
+    with hdf5_aside(path) as aside, h5py.File(aside, "w") as file:
         root = file.create_group("VTKHDF", track_order=True)
         root.attrs["Version"] = VERSION
         root.attrs.create("Type", np.bytes_("ImageData"))

@@ -16,7 +16,7 @@ from plenopiv.volume import VoxelGrid
 KIB = 1024
 LISTED = 0.36  # share of the voxels that dense ray tracing leaves, in a deep and densely seeded volume
 BASE = 260e6  # interpreter, libraries and compiled kernels, bytes
-REPORT = 426e6  # the same with all that draws the report
+REPORT = 440e6  # the same with all that draws the report, and what is known of a thousand pairs
 KEPT = 0.1  # of a volume's memory, once MART has left voxels out
 MOST_TILES = 64
 LAYER = 4.0  # planes for each plane of the deepest windows: of two volumes those in use, the next, and their sources

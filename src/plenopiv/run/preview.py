@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,6 +25,7 @@ from plenopiv.cameras.coverage import pixels_that_see, seen_by_every_view_mm
 from plenopiv.design.advice import Limits, Window
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
+from plenopiv.io.output import made_stage, sweep_stages
 from plenopiv.recording import Recording
 from plenopiv.report.figures import png, velocity_figure
 from plenopiv.run.frame import Progress
@@ -38,7 +38,7 @@ WIDER = 2.0  # voxels in the plane
 WINDOWS_ACROSS = 3.0  # last windows along x and y, as the experiment has them
 ITERATIONS, FINE_PASSES = 3, 2
 SMALLEST = 8  # voxels of a window's side
-FOLDER, IMAGES = "preview", "images"
+FOLDER, IMAGES, STAGE = "preview", "images", ".preview-"
 HELD = {"velocity.nc", "preview.png", "summary.json", "report.html", "experiment.toml", IMAGES}
 
 
@@ -58,7 +58,8 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
         raise PlenoPIVError(f"{folder}: holds something else than a preview; move it, or rename output.directory")
     recording = experiment.recording()
     part, tables = cropped(experiment)
-    stage = Path(tempfile.mkdtemp(prefix=".preview-", dir=experiment.folder))
+    sweep_stages(experiment.folder, STAGE)
+    stage, lock = made_stage(experiment.folder, STAGE)
     try:
         images = stage / IMAGES
         images.mkdir()
@@ -71,8 +72,11 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
         (stage / "preview.png").write_bytes(png(velocity_figure(result.velocity)))
         stage.chmod(0o755)  # a temporary folder is its owner's alone
         shutil.rmtree(folder, ignore_errors=True)
+        lock.__exit__()
+        lock.path.unlink()
         os.replace(stage, folder)
     finally:
+        lock.__exit__()
         shutil.rmtree(stage, ignore_errors=True)
     return replace(result, directory=folder)
 

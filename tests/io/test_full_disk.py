@@ -1,0 +1,64 @@
+"""HDF5 files on a full disk: one line that names the file, though the library would crash."""
+
+import resource
+import subprocess
+import sys
+
+import pytest
+
+PROGRAM = """
+import resource, signal, sys
+from pathlib import Path
+import numpy as np, xarray
+from plenopiv.errors import PlenoPIVError
+from plenopiv.io.netcdf import write_velocity
+from plenopiv.io.series_file import write_series
+from plenopiv.io.volumes import write_volume
+from plenopiv.io.vtkhdf import write_vtkhdf
+from plenopiv.volume import SparseVolume, VoxelGrid
+
+folder, rng, shape = Path(sys.argv[1]), np.random.default_rng(0), (1, 10, 20, 20)
+axes = {"time": [0.5], "z": np.arange(10.0), "y": np.arange(20.0), "x": np.arange(20.0)}
+names = ("u", "v", "w", "valid")
+field = xarray.Dataset({n: (tuple(axes), rng.normal(size=shape).astype(np.float32)) for n in names}, axes)
+write_velocity(folder / "pair.nc", field)
+grid = VoxelGrid((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), shape[1:])
+volume = SparseVolume.from_mask(grid, rng.random(shape[1:]) < 0.5)
+volume.values[:] = rng.random(volume.values.size)
+writers = {
+    "velocity.nc": lambda path: write_velocity(path, field),
+    "series.nc": lambda path: write_series(path, field, [0.0, 1.0], {0: folder / "pair.nc", 1: folder / "pair.nc"}, {}),
+    "volume.h5": lambda path: write_volume(path, volume),
+    "field.vtkhdf": lambda path: write_vtkhdf(path, field),
+}
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+for name, write in writers.items():
+    write(folder / name)
+    size = (folder / name).stat().st_size
+    (folder / name).unlink()
+    for share in (0.0, 0.002, 0.02, 0.1, 0.3, 0.6, 0.9, 0.999):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (int(share * size), resource.RLIM_INFINITY))
+        try:
+            write(folder / name)
+        except PlenoPIVError as error:
+            assert str(error) == f"{folder / name}: cannot be written (File too large)", error
+        else:
+            raise AssertionError(f"{name} was written within {share} of its size")
+        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    write(folder / name)
+print("all refused")
+"""
+
+
+@pytest.mark.skipif(not hasattr(resource, "RLIMIT_FSIZE"), reason="no limit of a file's size")
+def test_files_that_grow_too_large_are_refused_by_name(tmp_path):
+    command = [sys.executable, "-c", PROGRAM, str(tmp_path)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "all refused\n", "")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "field.vtkhdf",
+        "pair.nc",
+        "series.nc",
+        "velocity.nc",
+        "volume.h5",
+    ]
