@@ -37,7 +37,7 @@ def cluster(cores, memory, walltime, queue=None, account=None):
         local_directory="${TMPDIR:-/tmp}",
         log_directory="slurm-logs",
         death_timeout=120,  # s without a scheduler, after which a job ends
-        scheduler_options={"dashboard_address": None},
+        scheduler_options={"dashboard_address": ":0"},  # any port that is free
     )
 
 
