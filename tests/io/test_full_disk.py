@@ -27,7 +27,7 @@ volume = SparseVolume.from_mask(grid, rng.random(shape[1:]) < 0.5)
 volume.values[:] = rng.random(volume.values.size)
 writers = {
     "velocity.nc": lambda path: write_velocity(path, field),
-    "series.nc": lambda path: write_series(path, field, [0.0, 1.0], {0: folder / "pair.nc", 1: folder / "pair.nc"}, {}),
+    "series.nc": lambda path: write_series(path, field, {"time": [0.0, 1.0]}, {0: folder / "pair.nc", 1: folder / "pair.nc"}, {}),
     "volume.h5": lambda path: write_volume(path, volume),
     "field.vtkhdf": lambda path: write_vtkhdf(path, field),
 }
