@@ -25,9 +25,10 @@ write_velocity(folder / "pair.nc", field)
 grid = VoxelGrid((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), shape[1:])
 volume = SparseVolume.from_mask(grid, rng.random(shape[1:]) < 0.5)
 volume.values[:] = rng.random(volume.values.size)
+pairs = {k: folder / "pair.nc" for k in (0, 1)}
 writers = {
     "velocity.nc": lambda path: write_velocity(path, field),
-    "series.nc": lambda path: write_series(path, field, {"time": [0.0, 1.0]}, {0: folder / "pair.nc", 1: folder / "pair.nc"}, {}),
+    "series.nc": lambda path: write_series(path, field, {"time": [0.0, 1.0]}, pairs, {}),
     "volume.h5": lambda path: write_volume(path, volume),
     "field.vtkhdf": lambda path: write_vtkhdf(path, field),
 }
