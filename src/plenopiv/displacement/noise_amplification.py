@@ -41,7 +41,9 @@ class NoiseAmplification:
 
     def variance_of_mean(self, weights: Weights) -> NDArray[np.float64]:
         """Variance (nz, ny, nx) of means with ``weights`` (means, vectors) along z, y, x, over that of one vector."""
-        return np.einsum("abc,za,yb,xc->zyx", self.covariance, *map(_pairs, weights), optimize=True)
+        z, y, x = map(_pairs, weights)
+        along_x = np.einsum("abc,xc->abx", self.covariance, x)  # axis by axis, without BLAS
+        return np.einsum("za,ayx->zyx", z, np.einsum("yb,abx->ayx", y, along_x))
 
 
 def _pairs(weights: NDArray[np.float64]) -> NDArray[np.float64]:

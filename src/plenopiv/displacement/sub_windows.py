@@ -49,7 +49,9 @@ def _along(
 
 def mean_over(values: NDArray, weights: Weights) -> NDArray[np.float64]:
     """Means (..., nz, ny, nx) over windows of ``values`` (..., mz, my, mx) of sub-windows."""
-    return np.einsum("zc,yb,xa,...cba->...zyx", *weights, values, optimize=True)
+    z, y, x = weights
+    along_x = np.einsum("xa,...cba->...cbx", x, values)  # axis by axis, without BLAS: its threads change the last bits
+    return np.einsum("zc,...cyx->...zyx", z, np.einsum("yb,...cbx->...cyx", y, along_x))
 
 
 def mostly_measured(valid: NDArray[np.bool_], weights: Weights) -> NDArray[np.bool_]:
