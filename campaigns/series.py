@@ -29,6 +29,7 @@ import series_faults
 import series_kills
 import series_long
 from series_runs import SEED, Series
+from series_table import table
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "campaigns" / "results" / "series.json"
@@ -76,23 +77,27 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", nargs="*", help="kills, damages, faults, long, table")
     parser.add_argument("--again", choices=("failed", "all"), help="forget the results that there are")
+    parser.add_argument("--count", type=int, help="kills, damages and so on of each kind, instead of all")
+    parser.add_argument("--pairs", type=int, default=PAIRS, help=f"of the series ({PAIRS})")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case: others are drawn")
     parser.add_argument("--results", type=Path, default=RESULTS, help="file of results")
     return parser.parse_args(given)
 
 
-def run(kinds: list[str], results: Results, folder: Path) -> bool:
+def run(kinds: list[str], results: Results, folder: Path, options: argparse.Namespace) -> bool:
     """Try what is left; whether all went well."""
     series = None
     for kind in kinds:
         tried, counted, wanted = KINDS[kind]
+        wanted = options.count or wanted
         if kind == "faults" and not series_faults.can_mount():
             print("faults: this process may not mount; left out")
             continue
         while results.count(kind, counted) < wanted:
             if kind != "long":
-                series = series or Series.made(folder / "series", PAIRS)
+                series = series or Series.made(folder / "series", options.pairs)
             began = time.monotonic()
-            number = next(n for n in itertools.count() if str(n) not in results.cases(kind))
+            number = next(n for n in itertools.count(options.first) if str(n) not in results.cases(kind))
             case = tried(series or folder, number) | {"seconds": round(time.monotonic() - began, 1)}
             results.cases(kind)[str(number)] = case
             results.save()
@@ -104,13 +109,17 @@ def main(given: list[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     options = arguments(given)
     results = Results(options.results)
+    if "table" in options.what:
+        PAGE.write_text(table(results.kinds, SEED), encoding="utf-8")
+        print(f"wrote {PAGE.relative_to(ROOT)}")
+        return 0
     kinds = [kind for kind in KINDS if kind in options.what or not options.what]
     for kind in kinds if options.again else ():
         for number in results.failed(kind) if options.again == "failed" else list(results.cases(kind)):
             del results.cases(kind)[number]
     with tempfile.TemporaryDirectory(prefix="plenopiv-series-") as folder:
         try:
-            return 0 if run(kinds, results, Path(folder)) else 1
+            return 0 if run(kinds, results, Path(folder), options) else 1
         except KeyboardInterrupt:
             print("stopped; the same command goes on where it was", file=sys.stderr)
             return 130

@@ -12,6 +12,7 @@ import numpy as np
 from series_runs import SEED, Series
 
 MOST = 4  # damages at a time
+REFUSED = ("manifest.jsonl: is damaged, and nothing says", "holds a complete run; use --overwrite")
 WAYS = ("flipped", "truncated", "removed", "line")
 
 
@@ -28,7 +29,7 @@ def tried(series: Series, number: int, most: int = MOST) -> dict[str, Any]:
     told = [name for name in names if name == manifest or any(f'"{name}": '.encode() in line for line in lines)]
     told += [name for name in names if any(f'"file": "{name}"'.encode() in line for line in lines)]
     ended = series.run()
-    refused = ended.status == 2 and f"{manifest}: is damaged, and nothing says" in ended.err
+    refused = ended.status == 2 and any(words in ended.err for words in REFUSED)
     if refused:  # neither a line of the manifest nor the summary says what the results are made of
         ended = series.run(None, "--overwrite")
         told, lost = [], list(range(series.pairs))

@@ -23,6 +23,7 @@ KINDS = ("full", "full", "read-only", "input", "full", "read-only", "input", "fu
 OTHERS = ("SIGHUP", "SIGTERM", "second")  # 3 times each, after those
 LEFT = (0, 0, 1, 4, 16, 64)  # kB that a full disk has left
 SIZE = "24m"
+TRIES = 12  # of a case whose run was over, or could do without what was gone
 
 
 def can_mount() -> bool:
@@ -43,8 +44,8 @@ def tried(series: Series, number: int) -> dict[str, Any]:
     series.clear()
     series.results.mkdir()
     with mounted(series.results):
-        for _ in range(5):
-            moment = float(rng.uniform(0.05, 0.95) * series.seconds)
+        for _ in range(TRIES):
+            moment = float(rng.uniform(0.02, 0.85) * series.seconds)
             running = series.start()
             ended = running.wait(moment)
             if ended is None:
