@@ -8,6 +8,7 @@ small file system in memory (tmpfs), filled up or made read-only while the run g
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -109,7 +110,9 @@ def _wrong(ended: Ended, expected: int, series: Series) -> list[str]:
 
 
 def _short(line: str, series: Series) -> str:
-    return line.removeprefix("plenopiv: error: ").replace(f"{series.results.parent}/", "")[:160]
+    """A line of error without the temporary folder."""
+    line = line.removeprefix("plenopiv: error: ").replace(f"{series.results.parent}/", "")
+    return re.sub(r"'/[^']*'", "...", line)[:160]
 
 
 @contextmanager

@@ -45,10 +45,11 @@ def long_run(folder: Path, pairs: int) -> dict[str, Any]:
         why.append(f"status {status}")
     if not 1.0 <= announced / peak <= 1.2:
         why.append(f"announced {announced:.3f} GB, taken {peak:.3f} GB")
-    grown = None
+    grown, before, last = None, None, None
     if pairs > EARLY:
         before = next(gb for done, gb in resident if done >= EARLY)
-        grown = max(gb for done, gb in resident if done > pairs - 10) / before
+        last = max(gb for done, gb in resident if pairs - 10 < done < pairs)  # after the last one the report is drawn
+        grown = last / before
         if grown > 1.02:
             why.append(f"resident memory at the end {grown:.3f} times that at pair {EARLY}")
     again, stopped = _nothing_to_do(recording)
@@ -66,6 +67,7 @@ def long_run(folder: Path, pairs: int) -> dict[str, Any]:
         "announced_gb": round(announced, 3),
         "taken_gb": round(peak, 3),
         "resident_gb": [[done, round(gb, 4)] for done, gb in resident[:: max(len(resident) // 25, 1)]],
+        "at_pair_20_and_last_gb": [before, last],
         "grown": None if grown is None else round(grown, 4),
         "report_mb": round(sizes["report.html"] / 1e6, 2),
         "why": why,
