@@ -41,7 +41,7 @@ bench: $(VENV)/.ready  ## measure speed against limits and peers, a quarter of a
 	$(BIN)/python benchmarks/speed/reconstruction.py
 	$(BIN)/python benchmarks/speed/peers.py
 	$(BIN)/python benchmarks/correlation/run.py
-	$(BIN)/python benchmarks/speed/page.py
+	$(BIN)/python benchmarks/speed/speed_page.py
 
 bench-full: bench  ## and all conditions of docs/accuracy.md, the paper's full size too: an hour
 	$(BIN)/python benchmarks/accuracy/run_conditions.py
@@ -49,7 +49,7 @@ bench-full: bench  ## and all conditions of docs/accuracy.md, the paper's full s
 	$(BIN)/python benchmarks/accuracy/table.py
 	$(BIN)/python benchmarks/speed/memory.py build/accuracy/scores.jsonl
 	$(BIN)/python benchmarks/speed/scaling.py build/accuracy/scores.jsonl build/accuracy
-	$(BIN)/python benchmarks/speed/page.py
+	$(BIN)/python benchmarks/speed/speed_page.py
 
 paper: $(VENV)/.ready  ## draw the source paper's figures anew, and write docs/paper.md from their numbers
 	$(BIN)/python paper/resolution.py

@@ -1,6 +1,6 @@
 """Two workers against one, and runs whose workers and scheduler are killed:  cluster.py
 
-Twenty pairs of the small camera (benchmarks/accuracy/small_camera.py), simulated under build/cluster. Workers are
+Twenty pairs of the small camera (benchmarks/accuracy/small_recording.py), simulated under build/cluster. Workers are
 killed at random moments, a few in each run, and once the scheduler, after which the same command goes on; each time the
 results are compared, byte by byte, with those of a run without Dask, but for times, memory and hashes of files that
 hold these. Then runs with one and two workers of one thread take turns, so that what else the machine does falls on
@@ -35,7 +35,7 @@ ONE, TWO = ["--workers", "1", "--threads", "1"], ["--workers", "2", "--threads",
 
 def recording() -> Path:
     sys.path.insert(0, str(ROOT / "benchmarks" / "accuracy"))
-    from small_camera import clean_recording
+    from small_recording import clean_recording
 
     return clean_recording(BUILD / "recording", PAIRS).folder
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from small_camera import CAMERA, DT_S, WINDOWS, Clean, clean_recording
+from small_recording import CAMERA, DT_S, WINDOWS, Clean, clean_recording
 from spoilt import ROOT, digest
 
 from plenopiv.accuracy import score_velocity
@@ -143,7 +143,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "spoilt", metavar="DIR")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", PlenoPIVWarning)
-    simulation = digest(ROOT / "src" / "plenopiv" / "simulation", HERE / "small_camera.py")
+    simulation = digest(ROOT / "src" / "plenopiv" / "simulation", HERE / "small_recording.py")
     full = clean_recording(arguments.out / f"thirty-{simulation}", SINGLE)
     thin = clean_recording(arguments.out / f"thin-{simulation}", MANY, Seeding(particles_per_microlens=THIN))
     with tempfile.TemporaryDirectory() as folder:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
-from small_camera import CAMERA, NOISE, Clean, Counts
+from small_recording import CAMERA, NOISE, Clean, Counts
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.simulation.sensor_noise import digitise
@@ -153,10 +153,10 @@ Spoil = Callable[[Copy], object]
 class Case:
     """A recording and what is wrong with it.
 
-    ``base``: which clean recording is copied (``small_camera``, spoilt.py), and how many of its ``pairs``. ``bad``: the
-    pairs, counted from 0, that alone are spoilt; empty where the whole recording is. ``fine``: measured as if unspoilt
-    without any warning; ``silent``: nothing tells it, and it may be wrong. ``says``: a regular expression, of warnings
-    of the run that name the cause too.
+    ``base``: which clean recording is copied (``small_recording``, spoilt.py), and how many of its ``pairs``. ``bad``:
+    the pairs, counted from 0, that alone are spoilt; empty where the whole recording is. ``fine``: measured as if
+    unspoilt without any warning; ``silent``: nothing tells it, and it may be wrong. ``says``: a regular expression, of
+    warnings of the run that name the cause too.
     """
 
     what: str

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 
 import tifffile
-from small_camera import DT_S
+from small_recording import DT_S
 from spoiling import BLACK, MIDDLE, SENSOR, Case, Copy, Spoil, read, write
 
 ORIENTATION_TAG = 274

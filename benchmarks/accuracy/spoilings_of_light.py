@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import tifffile
-from small_camera import CAMERA
+from small_recording import CAMERA
 from spoiling import (
     BLACK,
     COLUMN,

@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from conditions import CONDITIONS
-from small_camera import CAMERA, DT_S, WINDOWS, Clean, clean_recording
+from small_recording import CAMERA, DT_S, WINDOWS, Clean, clean_recording
 from spoiling import Case, Copy
 from spoilings_of_files import OF_FILES
 from spoilings_of_light import OF_LIGHT
@@ -180,9 +180,9 @@ def main() -> None:
     warnings.simplefilter("ignore", PlenoPIVWarning)
     warnings.showwarning = lambda *shown: None  # a run shows them all the same
 
-    simulation = digest(ROOT / "src" / "plenopiv" / "simulation", HERE / "small_camera.py", HERE / "conditions.py")
+    simulation = digest(ROOT / "src" / "plenopiv" / "simulation", HERE / "small_recording.py", HERE / "conditions.py")
     recordings = arguments.out / f"recordings-{simulation}"
-    version = digest(ROOT / "src" / "plenopiv", *HERE.glob("spoil*.py"), HERE / "small_camera.py")
+    version = digest(ROOT / "src" / "plenopiv", *HERE.glob("spoil*.py"), HERE / "small_recording.py")
     kept = arguments.out / "results.jsonl"
     known = {line["name"]: line for line in map(json.loads, kept.read_text().splitlines())} if kept.exists() else {}
     for name in dict.fromkeys(["nothing", *(arguments.names or everything)]):

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from small_camera import CAMERA, DRIFT_M_S, DT_S, VOLUME_MM, WINDOWS, rotation
+from small_recording import CAMERA, DRIFT_M_S, DT_S, VOLUME_MM, WINDOWS, rotation
 
 import plenopiv
 from plenopiv.accuracy import score_velocity

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from small_camera import CAMERA, DARK_FRAMES, DT_S, NOISE, WINDOWS, Clean, Counts, clean_recording
+from small_recording import CAMERA, DARK_FRAMES, DT_S, NOISE, WINDOWS, Clean, Counts, clean_recording
 from spoiling import BLACK, GLOW, REFLECTION, SENSOR, Copy, dimmed, read, spot, write
 from spoilt import MOST, ROOT, digest, write_page
 
@@ -149,7 +149,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "spoilt", metavar="DIR")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", PlenoPIVWarning)
-    simulation = digest(ROOT / "src" / "plenopiv" / "simulation", HERE / "small_camera.py")
+    simulation = digest(ROOT / "src" / "plenopiv" / "simulation", HERE / "small_recording.py")
     clean = clean_recording(arguments.out / f"thirty-{simulation}", PAIRS)
     experiment = Experiment.load(clean.folder / "experiment.toml")
     reference = {leave_out: measured(experiment, clean, leave_out) for leave_out in (False, True)}

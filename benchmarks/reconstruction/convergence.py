@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 from cases import CASES, Case
+from convergence_scene import CONDITIONS, SHIFT_VOXELS, WINDOWS, Condition
+from convergence_table import into_page, page, summary
 from figures import draw
 from resampling import raw_where_resampled, resampled
-from scene import CONDITIONS, SHIFT_VOXELS, WINDOWS, Condition
-from table import into_page, page, summary
 from variants import candidates, dark_noise, first_guess, lit_threshold, residual, uniform_start
 
 from plenopiv.accuracy import exact_volume, intensity_centre_mm, reconstruction_quality

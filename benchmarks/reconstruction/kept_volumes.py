@@ -1,6 +1,6 @@
 """What volumes kept on disk take, and how long:  kept_volumes.py [FOLDER]
 
-The first frame of the small camera (benchmarks/accuracy/small_camera.py) at three densities, reconstructed, and the
+The first frame of the small camera (benchmarks/accuracy/small_recording.py) at three densities, reconstructed, and the
 densest one repeated with other intensities until 1.6 million voxels are kept, for the times: its places repeat too, and
 take no space. Each is kept as a run does (io/volumes.py) and as dense VTKHDF for ParaView, packed as it is written
 (deflate level 1) and as small as its filters make it. Writes kept_volumes.json beside this file and prints a table.
@@ -26,7 +26,7 @@ from plenopiv.simulation.simulated_recording import Seeding
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "accuracy"))
-from small_camera import clean_recording
+from small_recording import clean_recording
 
 DENSITIES = (0.5, 1.0, 2.0)  # particles per microlens
 REPEATED = (1, 6, 8)  # along z, y, x

@@ -11,7 +11,7 @@ import tifffile
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks" / "accuracy"))
 
-from small_camera import CAMERA, Clean  # noqa: E402
+from small_recording import CAMERA, Clean  # noqa: E402
 from spoiling import BLACK, Copy, dimmed, read, write  # noqa: E402
 from spoilt import CASES, MOST, QUIET  # noqa: E402
 from spoilt_page import page  # noqa: E402

@@ -1,4 +1,4 @@
-"""Write what was measured into docs/speed.md:  page.py
+"""Write what was measured into docs/speed.md:  speed_page.py
 
 Reads the .json files beside this one, and results.json of benchmarks/correlation. Only what stands between the two
 marks is replaced.
