@@ -1,0 +1,118 @@
+"""A smooth map between the laboratory and lens space.
+
+*Lens space* is the object space of a thin lens in air: in it the light of a point meets the microlens plane at
+s = A(z) u + B(z) x (``optics``), which is what the projection computes. The laboratory differs from it by windows and
+fluids, by the distortion of the lens, by the distance between its pupils and its principal planes, and by where the
+frame of the laboratory was put. A polynomial in x, y and z carries positions across, one each way, as in Soloff,
+Adrian & Liu (1997), Meas. Sci. Technol. 8, 1441.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plenopiv.errors import PlenoPIVError
+from plenopiv.volume import Limits
+
+DEGREE = 5  # of the polynomials; windows and distortion leave 1e-5 mm at 5 (tests/cameras/test_space_map.py)
+
+
+@dataclass(frozen=True)
+class Polynomial:
+    """Three polynomials of total degree ``degree`` in x, y, z about ``centre_mm``, in units of ``half_mm``.
+
+    ``coefficients`` (terms, 3), in mm: of the monomials in the order of ``powers(degree)``, for each of the three
+    coordinates that it gives.
+    """
+
+    centre_mm: tuple[float, float, float]
+    half_mm: tuple[float, float, float]
+    degree: int
+    coefficients: tuple[tuple[float, float, float], ...]
+
+    @classmethod
+    def fitted(cls, points_mm: ArrayLike, images_mm: ArrayLike, degree: int, weights: ArrayLike = 1.0) -> Polynomial:
+        """The polynomial that carries ``points_mm`` (n, 3) to ``images_mm`` (n, 3) with the least weighted squares.
+
+        Raises:
+            PlenoPIVError: the points do not determine it.
+        """
+        points, images = np.asarray(points_mm, float), np.asarray(images_mm, float)
+        low, high = points.min(0), points.max(0)
+        half = np.where(high > low, (high - low) / 2, 1.0)
+        centre = (low + high) / 2
+        w = np.broadcast_to(np.asarray(weights, float), len(points))[:, None]
+        terms = _monomials((points - centre) / half, degree)
+        found, _, rank, _ = np.linalg.lstsq(terms * w, images * w, rcond=1e-12)
+        if rank < terms.shape[1]:
+            raise PlenoPIVError(
+                f"{len(points)} points do not determine polynomials of degree {degree}: give more planes or more points"
+            )
+        return cls(_three(centre), _three(half), degree, tuple(_three(row) for row in found))
+
+    def __call__(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """Where ``points_mm`` (..., 3) lie on the other side, (..., 3)."""
+        points = (np.asarray(points_mm, float) - self.centre_mm) / self.half_mm
+        flat = _monomials(points.reshape(-1, 3), self.degree) @ np.array(self.coefficients)
+        return flat.reshape(points.shape)
+
+    def jacobian(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """(..., 3, 3): how image coordinate a changes with coordinate b at ``points_mm`` (..., 3), [..., a, b]."""
+        points = (np.asarray(points_mm, float) - self.centre_mm) / self.half_mm
+        flat, coefficients = points.reshape(-1, 3), np.array(self.coefficients)
+        out = np.empty((len(flat), 3, 3))
+        for b in range(3):
+            out[:, :, b] = _monomials(flat, self.degree, b) @ coefficients / self.half_mm[b]
+        return out.reshape(*points.shape[:-1], 3, 3)
+
+
+@dataclass(frozen=True)
+class SpaceMap:
+    """The map between laboratory and lens space, both in mm; right within the volume that it was fitted on.
+
+    Arrays (..., 3) hold x, y, z in their last axis.
+    """
+
+    to_lens: Polynomial
+    to_laboratory: Polynomial
+
+    @classmethod
+    def fitted(cls, laboratory_mm: ArrayLike, lens_mm: ArrayLike, degree: int = DEGREE) -> SpaceMap:
+        """The map for points (n, 3) of which both positions are known; each way is fitted by itself.
+
+        Raises:
+            PlenoPIVError: the points do not determine it.
+        """
+        return cls(Polynomial.fitted(laboratory_mm, lens_mm, degree), Polynomial.fitted(lens_mm, laboratory_mm, degree))
+
+    def lens_limits(self, laboratory: Limits, points: int = 9) -> Limits:
+        """The box of lens space, outer faces along x, y and z, that holds a box of the laboratory."""
+        axes = [np.linspace(lo, hi, points) for lo, hi in laboratory]
+        found = self.to_lens(np.stack(np.meshgrid(*axes, indexing="ij"), -1)).reshape(-1, 3)
+        (x0, y0, z0), (x1, y1, z1) = found.min(0).tolist(), found.max(0).tolist()
+        return (x0, x1), (y0, y1), (z0, z1)
+
+
+def powers(degree: int) -> NDArray[np.int64]:
+    """The powers (terms, 3) of x, y, z of all monomials of total degree up to ``degree``."""
+    every = [p for p in product(range(degree + 1), repeat=3) if sum(p) <= degree]
+    return np.array(sorted(every, key=lambda p: (sum(p), p)))
+
+
+def _monomials(points: NDArray, degree: int, derivative: int | None = None) -> NDArray[np.float64]:
+    """The monomials (n, terms) at ``points`` (n, 3), or their derivatives along one coordinate."""
+    out = np.ones((len(points), len(powers(degree))))
+    for axis in range(3):
+        power = powers(degree)[:, axis]
+        column = points[:, axis : axis + 1]
+        out *= power * column ** np.maximum(power - 1, 0) if axis == derivative else column**power
+    return out
+
+
+def _three(values: NDArray) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
