@@ -53,7 +53,7 @@ def find_dots(image: NDArray, name: str = "board image") -> Dots:
             f"{name}: no dot is clearly larger than the others, so the grid has no origin; use a board whose dot at "
             "x = y = 0 is larger, and keep it in the image"
         )
-    number = _numbered(pixel, int(largest))
+    number = number_dots(pixel, int(largest))
     if len(number) < FEWEST_DOTS:
         raise PlenoPIVError(
             f"{name}: only {len(number)} dots lie on one grid with the largest; check that the board is flat, lit "
@@ -93,9 +93,9 @@ def _blobs(image: NDArray[np.float64], name: str) -> tuple[NDArray[np.float64], 
     return centres[:, ::-1], area[sound]
 
 
-def _numbered(pixel: NDArray[np.float64], origin: int) -> dict[int, tuple[int, int]]:
-    """Dot -> (i, j), from the origin outward: a neighbour is searched one step on, the step being that found beside
-    it."""
+def number_dots(pixel: NDArray[np.float64], origin: int) -> dict[int, tuple[int, int]]:
+    """Which dots (column, row) of ``pixel`` (n, 2) are on one grid with the dot ``origin``: dot -> (i, j), rightward
+    and upward. A neighbour is searched one step on, the step being that found beside it."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(pixel)

@@ -1,0 +1,204 @@
+"""The optics of a camera from a target's dots: lengths, window, pose, distortion, by least squares over traced rays.
+
+Each dot's measured image in lens space is compared with the one that the traced rays of its place in the laboratory
+have (``cameras.lens_space``). What the data sheet and [medium] say enters as further equations, as good as such
+figures are, so that what the dots cannot tell keeps its stated value with the deviation that this leaves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.calibration.target.fit import Dots
+from plenopiv.cameras.lens_space import images_of
+from plenopiv.cameras.medium import Medium
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.cameras.ray_model import RayModel
+from plenopiv.errors import PlenoPIVError
+
+NAMES = (
+    "focal_length_mm", "image_distance_mm", "gap_mm", "fluid_mm", "refractive_index", "microlens_focal_length_mm",
+    "reference_mm", "turn_x_rad", "turn_y_rad", "turn_z_rad", "x_mm", "y_mm", "distortion", "gap_tilt_s", "gap_tilt_t",
+)  # fmt: skip
+SHEET = 0.03  # standard deviation of a stated focal length, relative
+MICROLENS_SHEET = 0.01  # of the microlenses': their sagitta is etched
+PITCH = 3e-5  # of the array's pitch, which lithography gives
+UNKNOWN_INDEX = 1.2, 0.2  # of a fluid that nobody names: from air to oil
+STATED_INDEX = 1e-3
+STATED_MM = 0.05  # of a stated way in the fluid, relative
+FLOOR_MM = np.array([0.15e-3, 0.15e-3, 3e-3])  # what a model does not hold of one dot; of good lenses
+RAYS = 37
+OUTLIER = 6.0
+
+
+@dataclass(frozen=True)
+class OpticsFit:
+    """The optics and how well they are known. ``values``, ``std``: by the names of ``NAMES`` and ``magnification``;
+    ``residual_mm`` (n, 3): of the dots, in the laboratory; ``left_out_mm`` (n, 3): the same with the dot's plane left
+    out of the fit; ``used`` (n,): dots that are no outliers."""
+
+    model: RayModel
+    values: dict[str, float]
+    std: dict[str, float]
+    residual_mm: NDArray[np.float64]
+    left_out_mm: NDArray[np.float64]
+    used: NDArray[np.bool_]
+
+
+def fit_optics(dots: Dots, camera: PlenopticCamera, medium: Medium | None) -> OpticsFit:
+    """The optics that the ``dots`` show. ``camera``: that of the lens space in which they were measured. ``medium``: as
+    the file states it, None where it says nothing.
+
+    Raises:
+        PlenoPIVError: the dots do not determine the optics.
+    """
+    problem = _Problem.of(camera, medium)
+    used = dots.whole.copy()
+    if used.sum() < 2 * len(NAMES):
+        raise PlenoPIVError(
+            f"calibration.planes: only {int(used.sum())} dots are seen whole; {2 * len(NAMES)} or more are needed: "
+            "move the target into view, or give more planes"
+        )
+    start = problem.start(dots.where(used))
+    for _ in range(3):
+        found = problem.solve(dots.where(used), start)
+        start = found.x
+        off = np.abs(problem.scaled(start, dots)).max(1)
+        now = dots.whole & (off < OUTLIER * max(1.0, float(np.median(off[dots.whole]))))
+        if (now == used).all():
+            break
+        used = now
+    left_out = np.full((len(dots), 3), np.nan)
+    for plane in np.unique(dots.plane):
+        others = problem.solve(dots.where(used & (dots.plane != plane)), start).x
+        here = dots.plane == plane
+        left_out[here] = problem.in_laboratory(others, dots.where(here))
+    covariance = np.linalg.inv(found.jac.T @ found.jac)
+    degrees = max(1, 3 * int(used.sum()) - len(NAMES))
+    misfit = max(1.0, float((problem.scaled(start, dots.where(used)) ** 2).sum()) / degrees)
+    values = dict(zip(NAMES, start.tolist(), strict=True))
+    std = dict(zip(NAMES, np.sqrt(np.diag(covariance) * misfit).tolist(), strict=True))
+    f, si = values["focal_length_mm"], values["image_distance_mm"]
+    slope = np.array([si / f**2, -1 / f])
+    values["magnification"] = 1 - si / f
+    std["magnification"] = float(np.sqrt(slope @ covariance[:2, :2] @ slope * misfit))
+    return OpticsFit(problem.model(start), values, std, problem.in_laboratory(start, dots), left_out, used)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Dots and data sheet as least squares. ``stated``, ``deviation`` (parameters,): of each, inf where nothing is
+    known; ``unit``: a step of each that matters."""
+
+    camera: PlenopticCamera
+    medium: Medium
+    stated: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+    unit: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, camera: PlenopticCamera, medium: Medium | None) -> _Problem:
+        lens, fl = camera.main_lens, camera.microlens_focal_length_mm
+        inf = np.inf
+        index, fluid = UNKNOWN_INDEX, (0.4 * lens.object_distance_mm, 0.2 * lens.object_distance_mm)
+        if medium is not None:
+            index = medium.refractive_index, STATED_INDEX
+            fluid = medium.fluid_mm, STATED_MM * medium.fluid_mm + 1.0
+        reference = camera.main_lens.image_distance_mm
+        gap = lens.object_distance_mm - fluid[0] / index[0]
+        f = lens.focal_length_mm
+        rows = {
+            "focal_length_mm": (f, SHEET * f, 1.0),
+            "image_distance_mm": (lens.image_distance_mm, inf, 1.0),
+            "gap_mm": (gap, inf, 1.0),
+            "fluid_mm": (*fluid, 10.0),
+            "refractive_index": (*index, 0.1),
+            "microlens_focal_length_mm": (fl, MICROLENS_SHEET * fl, 0.01 * fl),
+            "reference_mm": (reference, inf, 0.01 * reference),
+            "turn_x_rad": (0.0, inf, 0.01),
+            "turn_y_rad": (0.0, inf, 0.01),
+            "turn_z_rad": (0.0, inf, 0.01),
+            "x_mm": (0.0, inf, 0.1),
+            "y_mm": (0.0, inf, 0.1),
+            "distortion": (0.0, 0.1, 0.01),
+            "gap_tilt_s": (0.0, 0.1, 0.01),
+            "gap_tilt_t": (0.0, 0.1, 0.01),
+        }
+        stated, deviation, unit = np.array([rows[name] for name in NAMES]).T
+        return cls(camera, medium or Medium(window_mm=0.0), stated, deviation, unit)
+
+    def model(self, parameters: NDArray[np.float64]) -> RayModel:
+        """The camera of so many numbers."""
+        f, si, gap, fluid, index, fl, reference, ax, ay, az, x, y, k, gs, gt = parameters.tolist()
+        sensor = self.camera.sensor
+        corner = 0.5 * sensor.pixel_pitch_mm * float(np.hypot(sensor.columns, sensor.rows))
+        return RayModel(
+            f,
+            si,
+            gap,
+            replace(self.medium, refractive_index=index, fluid_mm=fluid),
+            reference,
+            corner,
+            (ax, ay, az),
+            (x, y),
+            k,
+            (gs, gt),
+            fl / reference / self.camera.image_scale,
+        )
+
+    def start(self, dots: Dots) -> NDArray[np.float64]:
+        """The stated numbers, with the pose, the lengths and the index that a linear map of the dots shows."""
+        from scipy.optimize import least_squares
+
+        start = self.stated.copy()
+        terms = np.column_stack([dots.laboratory_mm, np.ones(len(dots))])
+        linear = np.linalg.lstsq(terms, dots.lens_mm, rcond=None)[0]
+        start[NAMES.index("turn_z_rad")] = np.arctan2(linear[0, 1] - linear[1, 0], linear[0, 0] + linear[1, 1])
+        rough = [NAMES.index(name) for name in ("image_distance_mm", "gap_mm", "refractive_index", "x_mm", "y_mm")]
+
+        def miss(some: NDArray) -> NDArray:
+            start[rough] = some
+            return self.scaled(start, dots).ravel()
+
+        first = start[rough]
+        low, high = np.full(5, -np.inf), np.full(5, np.inf)
+        low[2], high[2] = 0.9, 2.0
+        found = least_squares(miss, first, x_scale=self.unit[rough], bounds=(low, high), loss="soft_l1", max_nfev=40)
+        start[rough] = found.x
+        return start
+
+    def solve(self, dots: Dots, start: NDArray[np.float64]):
+        from scipy.optimize import least_squares
+
+        known = np.isfinite(self.deviation)
+
+        def miss(parameters: NDArray) -> NDArray:
+            sheet = ((parameters - self.stated) / self.deviation)[known]
+            fl, reference = parameters[[NAMES.index("microlens_focal_length_mm"), NAMES.index("reference_mm")]]
+            e = self.camera.image_scale
+            growth = (fl / reference - e) / PITCH
+            return np.concatenate([self.scaled(parameters, dots).ravel(), sheet, [growth]])
+
+        return least_squares(miss, start, x_scale=self.unit, max_nfev=60)
+
+    def scaled(self, parameters: NDArray[np.float64], dots: Dots) -> NDArray[np.float64]:
+        """What the dots' images miss the traced ones by, over the standard deviation, (n, 3)."""
+        found = images_of(dots.laboratory_mm, self.model(parameters), self.camera, RAYS, dots.aperture_mm).place_mm
+        return np.nan_to_num(dots.lens_mm - found, nan=1e3) / np.hypot(dots.std_mm, FLOOR_MM)
+
+    def in_laboratory(self, parameters: NDArray[np.float64], dots: Dots) -> NDArray[np.float64]:
+        """Where the measured images lie in the laboratory less where the dots are, (n, 3)."""
+        model, step = self.model(parameters), 1e-3
+        at = images_of(dots.laboratory_mm, model, self.camera, RAYS, dots.aperture_mm).place_mm
+        jacobian = np.stack(
+            [
+                (images_of(dots.laboratory_mm + step * unit, model, self.camera, RAYS, dots.aperture_mm).place_mm - at)
+                / step
+                for unit in np.eye(3)
+            ],
+            -1,
+        )
+        return np.linalg.solve(jacobian, (dots.lens_mm - at)[..., None])[..., 0]

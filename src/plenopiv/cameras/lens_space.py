@@ -1,0 +1,72 @@
+"""From a camera in its laboratory to the thin lens in air that the projection knows, and a map between both.
+
+All rays of a point of the laboratory are traced to the microlens plane. The point of lens space whose rays,
+s = A(z) u + B(z) x, come nearest to them is its image there (least squares over the aperture). What is left differs
+from view to view, as spherical aberration does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.cameras.ray_model import RayModel, on_disc
+from plenopiv.cameras.space_map import SpaceMap
+from plenopiv.volume import Limits
+
+RAYS = 61  # over the aperture
+POINTS = (9, 9, 13)  # along x, y and z, where a map is fitted
+MARGIN = 0.05  # of the volume's sides, by which the map reaches beyond it
+
+
+@dataclass(frozen=True)
+class Images:
+    """Images of points in lens space. ``place_mm`` (n, 3); ``left_mm`` (n, rays, 2): what the rays miss those of a thin
+    lens by, on the microlens plane; ``s_mm``, ``u_mm`` (n, rays, 2): where the rays fall, and the views' places."""
+
+    place_mm: NDArray[np.float64]
+    left_mm: NDArray[np.float64]
+    s_mm: NDArray[np.float64]
+    u_mm: NDArray[np.float64]
+
+
+def images_of(
+    points_mm: ArrayLike, model: RayModel, camera: PlenopticCamera, rays: int = RAYS, aperture_mm: float | None = None
+) -> Images:
+    """The images of ``points_mm`` (n, 3) of the laboratory in the lens space of ``camera``, over its aperture, or over
+    one of ``aperture_mm``."""
+    aperture = camera.main_lens.aperture_mm if aperture_mm is None else aperture_mm
+    radius = aperture / 2 * model.image_distance_mm / model.reference_mm / model.view_scale
+    s, u = model.trace(points_mm, on_disc(radius, rays))
+    s_mean, u_mean = s.mean(1, keepdims=True), u.mean(1, keepdims=True)
+    spread = ((s - s_mean) * (u - u_mean)).sum((1, 2)) / ((u - u_mean) ** 2).sum((1, 2))
+    centre = s_mean - spread[:, None, None] * u_mean
+    left = s - spread[:, None, None] * u - centre
+    return Images(lens_place(camera, spread, centre[:, 0]), left, s, u)
+
+
+def lens_place(camera: PlenopticCamera, spread: NDArray, centre_mm: NDArray) -> NDArray[np.float64]:
+    """The points (n, 3) of lens space whose light falls at s = A u + c; A = ``spread`` (n,), c = ``centre_mm``
+    (n, 2)."""
+    lens = camera.main_lens
+    distance = lens.image_distance_mm / (spread - 1 + lens.image_distance_mm / lens.focal_length_mm)
+    across = -centre_mm * (distance / lens.image_distance_mm)[:, None]
+    return np.column_stack([across, lens.object_distance_mm - distance])
+
+
+def space_map(model: RayModel, camera: PlenopticCamera, laboratory: Limits) -> SpaceMap:
+    """The map between a volume of the laboratory, outer faces ``laboratory``, and the lens space of ``camera``."""
+    points = sample(laboratory)
+    return SpaceMap.fitted(points, images_of(points, model, camera).place_mm)
+
+
+def sample(laboratory: Limits) -> NDArray[np.float64]:
+    """Points (n, 3) all over a volume and a little beyond."""
+    axes = [
+        np.linspace(lo - MARGIN * (hi - lo), hi + MARGIN * (hi - lo), n)
+        for (lo, hi), n in zip(laboratory, POINTS, strict=True)
+    ]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
