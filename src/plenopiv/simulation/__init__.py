@@ -8,6 +8,9 @@
 - ``images``: Monte-Carlo ray tracing of particles (Eqs. 1-5 of Shi, Ding & New 2016)
 - ``pinhole_images``, ``board``: particles and a calibration board through pinhole cameras
 - ``white``: the image of the evenly lit main lens under every microlens
+- ``real_camera``, ``real_images``: a camera with window, stop, rim and distortion; its particles, white image and
+  ``targets``; ``real_kernels`` and ``real_light`` trace the rays
+- ``patches``: light of many particles gathered into one image
 - ``sensor_noise``: electrons to counts
 - ``simulated_recording``: a folder as a camera's user has it, with the truth beside it
 

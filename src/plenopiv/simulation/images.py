@@ -7,7 +7,6 @@ The light of a particle does not depend on its depth (the lens' solid angle chan
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -17,12 +16,10 @@ from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.simulation import kernels
 from plenopiv.simulation.particles import Particles
+from plenopiv.simulation.patches import Items, Progress, gathered
 from plenopiv.threads import in_threads
 
 Sampling = Literal["stratified", "random"]
-Progress = Callable[[int, int], None]
-RAYS_PER_ITEM = 1 << 17
-PATCH_PIXELS_PER_BATCH = 1 << 23  # 64 MiB of patches at a time
 
 
 def diffraction_sigma_mm(camera: PlenopticCamera, wavelength_nm: float) -> float:
@@ -66,25 +63,12 @@ def particle_image(
     size = particles.diameter_mm / 4.0
 
     window = _patch_windows(camera, x, y, spread, scale, size, blur)
-    chunks = -(-rays // RAYS_PER_ITEM)
-    seen = np.flatnonzero((window[:, 2] > 0) & (window[:, 3] > 0))
-    particle = np.repeat(seen, chunks)
-    first = np.tile(np.arange(chunks) * RAYS_PER_ITEM, seen.size)
-    last = np.minimum(first + RAYS_PER_ITEM, rays)
-    area = (window[:, 2] * window[:, 3])[particle]
-
-    image = np.zeros((sensor.rows, sensor.columns))
     column0, row0 = sensor.axis
-    begin = 0
-    while begin < particle.size:
-        fits = int(np.searchsorted(np.cumsum(area[begin : begin + 65536]), PATCH_PIXELS_PER_BATCH, "right"))
-        now = slice(begin, begin + max(1, fits))
-        start = np.concatenate([[0], np.cumsum(area[now])])
-        patches = np.zeros(start[-1])
-        windows = window[particle[now]]
+
+    def trace(items: Items) -> None:
         in_threads(
-            kernels.trace_items, windows.shape[0],
-            particle[now], first[now], last[now], windows, start[:-1], patches,
+            kernels.trace_items, items.particle.size,
+            *items,
             x, y, spread, scale, particles.electrons / rays,
             rays, sampling == "stratified", np.uint64(seed % 2**64),
             0.5 * lens.aperture_mm, size, blur,
@@ -92,11 +76,8 @@ def particle_image(
             lattice.offset_mm[0], lattice.offset_mm[1],
             camera.image_scale, column0, row0, sensor.pixel_pitch_mm,
         )  # fmt: skip
-        in_threads(kernels.add_patches, image.shape[0], image, windows, start[:-1], patches)
-        begin = min(now.stop, particle.size)
-        if progress is not None:
-            progress(x.size * begin // particle.size, x.size)
-    return image
+
+    return gathered((sensor.rows, sensor.columns), window, rays, trace, progress)
 
 
 def _patch_windows(

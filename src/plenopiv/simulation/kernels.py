@@ -15,7 +15,7 @@ from plenopiv.kernels import plain_kernel, plain_part
 
 GOLDEN = (sqrt(5.0) - 1.0) / 2.0
 HEXAGONAL_ROW = sqrt(3.0) / 2.0
-LARGEST_DEVIATE = 8.6  # of _normal_pair: sqrt(-2 log 2^-53)
+LARGEST_DEVIATE = 8.6  # of normal_pair: sqrt(-2 log 2^-53)
 
 
 @plain_part
@@ -28,16 +28,16 @@ def mix(seed: np.uint64, counter: int) -> np.uint64:
 
 
 @plain_part
-def _uniform(seed: np.uint64, counter: int) -> float:
+def uniform(seed: np.uint64, counter: int) -> float:
     """A number in [0, 1) for a counter."""
     return float(mix(seed, counter) >> np.uint64(11)) * 1.1102230246251565e-16
 
 
 @plain_part
-def _normal_pair(seed: np.uint64, counter: int) -> tuple[float, float]:
+def normal_pair(seed: np.uint64, counter: int) -> tuple[float, float]:
     """Two standard normal deviates (Box-Muller)."""
-    r = sqrt(-2.0 * log(1.0 - _uniform(seed, counter)))
-    angle = 2.0 * pi * _uniform(seed, counter + 1)
+    r = sqrt(-2.0 * log(1.0 - uniform(seed, counter)))
+    angle = 2.0 * pi * uniform(seed, counter + 1)
     return r * cos(angle), r * sin(angle)
 
 
@@ -92,7 +92,7 @@ def trace_items(
     for item in range(begin, end):
         p = particle[item]
         own = mix(seed, p)
-        shift, angle0 = _uniform(own, np.int64(0)), _uniform(own, np.int64(1))
+        shift, angle0 = uniform(own, np.int64(0)), uniform(own, np.int64(1))
         ray_seed = mix(own, np.int64(2))
         col_lo, row_lo, cols, rows = window[item]
         base = start[item]
@@ -104,12 +104,12 @@ def trace_items(
                 u, v = r * c, r * s_
                 c, s_ = c * turn_c - s_ * turn_s, s_ * turn_c + c * turn_s
             else:
-                r = aperture_radius_mm * sqrt(_uniform(ray_seed, 8 * ray))
-                angle = 2.0 * pi * _uniform(ray_seed, 8 * ray + 1)
+                r = aperture_radius_mm * sqrt(uniform(ray_seed, 8 * ray))
+                angle = 2.0 * pi * uniform(ray_seed, 8 * ray + 1)
                 u, v = r * cos(angle), r * sin(angle)
             x, y = x_mm[p], y_mm[p]
             if particle_sigma_mm > 0.0:
-                dx, dy = _normal_pair(ray_seed, 8 * ray + 2)
+                dx, dy = normal_pair(ray_seed, 8 * ray + 2)
                 x += particle_sigma_mm * dx
                 y += particle_sigma_mm * dy
             s = spread[p] * u + scale[p] * x
@@ -122,7 +122,7 @@ def trace_items(
             hit_s = lens_s * (1.0 + image_scale) + image_scale * ((s - lens_s) - u)
             hit_t = lens_t * (1.0 + image_scale) + image_scale * ((t - lens_t) - v)
             if blur_sigma_mm > 0.0:
-                dx, dy = _normal_pair(ray_seed, 8 * ray + 4)
+                dx, dy = normal_pair(ray_seed, 8 * ray + 4)
                 hit_s += blur_sigma_mm * dx
                 hit_t += blur_sigma_mm * dy
             column = floor(column0 - hit_s / pixel_mm + 0.5) - col_lo

@@ -40,7 +40,7 @@ def white_image(
         lattice.offset_mm[0] * px, lattice.offset_mm[1] * px, column0, row0,
     )  # fmt: skip
     if diffraction_nm is not None:
-        image = _blurred(image, diffraction_sigma_mm(camera, diffraction_nm) / sensor.pixel_pitch_mm)
+        image = blurred(image, diffraction_sigma_mm(camera, diffraction_nm) / sensor.pixel_pitch_mm)
     if falloff:
         c = np.arange(sensor.columns) - column0
         r = np.arange(sensor.rows) - row0
@@ -49,7 +49,7 @@ def white_image(
     return image
 
 
-def _blurred(image: NDArray[np.float64], sigma_px: float) -> NDArray[np.float64]:
+def blurred(image: NDArray[np.float64], sigma_px: float) -> NDArray[np.float64]:
     """A Gaussian blur; below half a pixel three taps of the same variance, since a sampled Gaussian misses it."""
     from scipy import ndimage
 
