@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from plenopiv.cameras.pinhole import PinholeCamera
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.pose import FRONT, Pose
+from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.displacement.ensemble import PairsOfVolumes, measure_ensemble
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.multigrid import Progress as CorrelationProgress
@@ -37,10 +38,11 @@ from plenopiv.reconstruction.focus import focus_weight
 from plenopiv.reconstruction.mart import Progress
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE
 from plenopiv.reconstruction.reconstruct import Reconstruction, reconstruct
+from plenopiv.reconstruction.resampling import lens_grid, resampled
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.reconstruction.tiles import Tile
 from plenopiv.reconstruction.usable import usable_share
-from plenopiv.velocity import velocity_dataset
+from plenopiv.velocity import Frame, velocity_dataset
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 if TYPE_CHECKING:
@@ -60,6 +62,9 @@ class Chain:
     ``counts_per_electron``: of the pixels' shot noise. ``tiles``: rows of voxels to be reconstructed one after the
     other, none for the whole volume at once. ``unusable``: of each plenoptic camera, pixels of an upright image (rows,
     columns) that are no equations; empty for none. ``solid``: the parts of the volume that a body fills.
+
+    ``space``: of one plenoptic camera, the map between the laboratory, where ``grid``, body and vectors are, and lens
+    space, where volumes are reconstructed on ``lens_grid``. None: they are the same.
     """
 
     cameras: tuple[Camera, ...]
@@ -71,6 +76,7 @@ class Chain:
     tiles: tuple[Tile, ...] = ()
     unusable: tuple[NDArray[np.bool_] | None, ...] = field(default=(), compare=False)
     solid: Solid | None = field(default=None, compare=False)
+    space: SpaceMap | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields alone: the projection is made again where it is needed."""
@@ -114,18 +120,41 @@ class Chain:
             raise PlenoPIVError(f"cameras: {len(self.cameras)} given; this takes one plenoptic camera")
         return projection.layout
 
+    @property
+    def frame(self) -> Frame:
+        """The frame of ``grid`` and of the vectors."""
+        return "camera" if self.space is None else "laboratory"
+
     @cached_property
-    def projection(self) -> Projection:
-        """Between the grid and the cameras' views, made on first use.
+    def lens_grid(self) -> VoxelGrid:
+        """The voxels that are reconstructed: ``grid``, or those of lens space that cover its image.
 
         Raises:
-            PlenoPIVError: cameras of both kinds, poses that are not as many as the cameras, or a camera that does not
-                see the volume.
+            PlenoPIVError: a ``space`` of other than one plenoptic camera, or not in front of its main lens.
         """
+        if self.space is None:
+            return self.grid
+        lens, found = self.camera.main_lens, lens_grid(self.space, self.grid)
+        if (nearest := found.limits_mm()[2][1]) >= lens.object_distance_mm:
+            raise PlenoPIVError(
+                f"volume.z_mm: in lens space it reaches z = {nearest:.6g} mm, which is not in front of the main lens "
+                f"at {lens.object_distance_mm:.6g} mm; is the calibration this camera's?"
+            )
+        return found
+
+    @cached_property
+    def projection(self) -> Projection:
+        """Between ``lens_grid`` and the cameras' views, made on first use.
+
+        Raises:
+            PlenoPIVError: cameras of both kinds, poses that are not as many as the cameras, a camera that does not see
+                the volume, or as ``lens_grid``.
+        """
+        grid = self.lens_grid
         plenoptic = [camera for camera in self.cameras if isinstance(camera, PlenopticCamera)]
         pinholes = [camera for camera in self.cameras if isinstance(camera, PinholeCamera)]
         if pinholes and not plenoptic:
-            return PinholeProjector(pinholes, self.grid)
+            return PinholeProjector(pinholes, grid)
         if pinholes or len(plenoptic) != len(self.poses):
             raise PlenoPIVError(
                 f"cameras: {len(plenoptic)} plenoptic with {len(self.poses)} poses and {len(pinholes)} pinhole; give "
@@ -133,10 +162,10 @@ class Chain:
             )
         weights, masks = self.reconstruction.weights, self.unusable or (None,) * len(plenoptic)
         projectors = [
-            PlenopticProjector(layout(camera, masked), pose.grid(self.grid), weights)
+            PlenopticProjector(layout(camera, masked), pose.grid(grid), weights)
             for camera, pose, masked in zip(plenoptic, self.poses, masks, strict=True)
         ]
-        return projectors[0] if self.poses == (FRONT,) else SeveralCameras(self.grid, projectors, self.poses)
+        return projectors[0] if self.poses == (FRONT,) else SeveralCameras(grid, projectors, self.poses)
 
     @cached_property
     def _whole(self) -> Projection | None:
@@ -150,11 +179,11 @@ class Chain:
 
     @property
     def plane_weights(self) -> NDArray[np.float32] | None:
-        """What each plane (nz,) counts in the correlation (``focus``); None where all count alike."""
+        """What each reconstructed plane (nz,) counts in the correlation (``focus``); None where all count alike."""
         reach, camera = self.reconstruction.focus_reach, self.cameras[0]
         if len(self.cameras) > 1 or not isinstance(camera, PlenopticCamera) or reach == 0:
             return None
-        return focus_weight(camera, self.grid.axes()[2], reach)
+        return focus_weight(camera, self.lens_grid.axes()[2], reach)
 
     def reconstruct(
         self,
@@ -163,7 +192,8 @@ class Chain:
         progress: Progress | None = None,
         static: Sequence[NDArray] | None = None,
     ) -> Reconstruction:
-        """The volume of one frame; ``images``: an upright image (rows, columns), in counts, of each camera.
+        """The volume of one frame, on ``lens_grid``; ``images``: an upright image (rows, columns), in counts, of each
+        camera.
 
         ``static``: images of the static light, counts above the black level, that was taken off them; its shot noise is
         left.
@@ -199,13 +229,18 @@ class Chain:
         return measure(self.weighted(a), self.weighted(b), self.correlation, progress, self.solid)
 
     def weighted(self, volume: SparseVolume) -> SparseVolume:
-        """What the correlation sees of a volume: planes near focus and voxels behind unusable pixels count less."""
+        """What the correlation sees of a reconstructed volume, on ``grid``: planes near focus and voxels behind
+        unusable pixels count less."""
         weights = self.plane_weights
         if weights is not None:
             volume = volume.with_planes_scaled(weights)
         if (whole := self._whole) is not None:
             volume = volume.with_values(volume.values * usable_share(self.projection, whole, volume))
-        return volume
+        return self.in_laboratory(volume)
+
+    def in_laboratory(self, volume: SparseVolume) -> SparseVolume:
+        """A reconstructed volume on ``grid``."""
+        return volume if self.space is None else resampled(volume, self.space.to_laboratory, self.grid)
 
     def velocity(
         self,
@@ -220,7 +255,7 @@ class Chain:
         Raises:
             PlenoPIVError: as ``displacement``; ``dt_s`` is not positive.
         """
-        return velocity_dataset(self.displacement(a, b, progress), self.grid, dt_s, time_s)
+        return velocity_dataset(self.displacement(a, b, progress), self.grid, dt_s, time_s, self.frame)
 
     def ensemble(
         self,
@@ -237,7 +272,7 @@ class Chain:
             PlenoPIVError: there is no pair; else as ``velocity``.
         """
         found = measure_ensemble(_Weighted(self, pairs), self.correlation, progress, self.solid)
-        return velocity_dataset(found, self.grid, dt_s, time_s)
+        return velocity_dataset(found, self.grid, dt_s, time_s, self.frame)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,9 @@ from plenopiv.volume import VoxelGrid
 if TYPE_CHECKING:
     import xarray as xr
 
+Frame = Literal["camera", "laboratory"]
 _DIMS = ("time", "z", "y", "x")
+_OF_CAMERA = {"x": "to the right as the camera sees", "y": "up as the camera sees", "z": "toward the camera"}
 
 
 def velocity_m_s(displacement: NDArray[np.float64], grid: VoxelGrid, dt_s: float) -> NDArray[np.float64]:
@@ -27,14 +29,16 @@ def velocity_m_s(displacement: NDArray[np.float64], grid: VoxelGrid, dt_s: float
     return displacement * np.reshape(grid.voxel_mm, (3, 1, 1, 1)) * (1e-3 / dt_s)
 
 
-def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, time_s: float = 0.0) -> xr.Dataset:
+def velocity_dataset(
+    field: DisplacementField, grid: VoxelGrid, dt_s: float, time_s: float = 0.0, frame: Frame = "camera"
+) -> xr.Dataset:
     """One velocity field as an xarray Dataset with dims (time, z, y, x), time of length one.
 
-    Coordinates x, y, z in mm in the object frame (z = 0 the focal plane, +z toward the camera), vectors at their
-    mid-time positions; ``time_s`` the mid-time of the two frames. Variables: u, v, w in m/s after replacement; u_raw,
-    v_raw, w_raw before (``DisplacementField.raw``); u_std, v_std, w_std in m/s, the standard deviations of u, v, w;
-    valid (int8, 1 = measured, 0 = replaced); peak_ratio; where a body was named inside_body (int8), 1 where the window
-    lies more than half in it: all others are then NaN, and valid is 0.
+    Coordinates x, y, z in mm in the ``frame`` of the camera (z = 0 the focal plane, +z toward the camera) or in that of
+    the laboratory, vectors at their mid-time positions; ``time_s`` the mid-time of the two images. Variables: u, v, w
+    in m/s after replacement; u_raw, v_raw, w_raw before (``DisplacementField.raw``); u_std, v_std, w_std in m/s, the
+    standard deviations of u, v, w; valid (int8, 1 = measured, 0 = replaced); peak_ratio; where a body was named
+    inside_body (int8), 1 where the window lies more than half in it: all others are then NaN, and valid is 0.
     """
     import xarray as xr
 
@@ -87,7 +91,6 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
             },
         )
 
-    meaning = {"x": "to the right as the camera sees", "y": "up as the camera sees", "z": "toward the camera"}
     coordinates: dict = {
         "time": (
             "time",
@@ -100,7 +103,8 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
         )
     }
     for axis, index, first, voxel in zip("xyz", (field.x, field.y, field.z), grid.first_mm, grid.voxel_mm, strict=True):
-        attributes = {"units": "mm", "long_name": f"{axis}, {meaning[axis]}", "axis": axis.upper()}
+        meaning = "in the laboratory" if frame == "laboratory" else _OF_CAMERA[axis]
+        attributes = {"units": "mm", "long_name": f"{axis}, {meaning}", "axis": axis.upper()}
         coordinates[axis] = (axis, first + voxel * np.asarray(index, float), attributes)
     return xr.Dataset(
         variables,
@@ -110,6 +114,7 @@ def velocity_dataset(field: DisplacementField, grid: VoxelGrid, dt_s: float, tim
             "title": "Volumetric velocity from one plenoptic camera",
             "source": "PlenoPIV, 3D cross-correlation with window deformation",
             "dt_s": float(dt_s),
+            "frame": frame,
         },
     )
 

@@ -1,4 +1,4 @@
-"""A volume of lens space on a grid of the laboratory, plane by plane.
+"""Voxels of lens space for a grid of the laboratory, and a volume's light from these to that, plane by plane.
 
 The light of each listed voxel is shared among the 8 laboratory voxels about the image of its centre by the weights of a
 linear interpolation, which keep light and centre. Along a row of voxels the map is a polynomial in x alone, so that
@@ -10,12 +10,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.cameras.space_map import Polynomial, powers
+from plenopiv.cameras.space_map import Polynomial, SpaceMap, powers
 from plenopiv.kernels import kernel
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 TOGETHER = 16  # planes of the laboratory held at once
+
+
+def lens_grid(space: SpaceMap, grid: VoxelGrid) -> VoxelGrid:
+    """Voxels of lens space that give light to those of ``grid``, in the laboratory: of the size that these have there
+    in the middle of the volume, and one more on each side."""
+    limits = grid.limits_mm()
+    middle = [0.5 * (lo + hi) for lo, hi in limits]
+    sides = np.linalg.norm(space.to_lens.jacobian(middle) * grid.voxel_mm, axis=1)
+    x, y, z = ((lo - side, hi + side) for (lo, hi), side in zip(space.lens_limits(limits), sides.tolist(), strict=True))
+    return VoxelGrid.covering(x, y, z, tuple(sides.tolist()))
 
 
 def resampled(volume: SparseVolume, to_grid: Polynomial, grid: VoxelGrid) -> SparseVolume:
