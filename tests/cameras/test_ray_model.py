@@ -67,7 +67,7 @@ def test_near_the_axis_depth_shrinks_by_the_index():
 
 
 def test_a_wide_aperture_sees_spherical_aberration():
-    """Seidel's: marginal rays cross farther from the lens by w u^2 (n^2 - 1) / (2 n^3) / n behind a fluid of depth w."""
+    """Seidel's: behind a fluid of depth w marginal rays cross w u^2 (n^2 - 1) / (2 n^3) off, in air before the lens."""
     found = images_of(
         np.zeros((1, 3)), replace(IN_WATER, gap_mm=100 - 60 / 1.333, medium=Medium(1.333, 60.0)), CAMERA, 961
     )
