@@ -7,6 +7,9 @@ A lattice lives on the microlens plane with coordinates ``(s, t)`` in mm, the op
     hexagonal   s = i + (j % 2)/2,  t = j sqrt(3)/2   odd rows are shifted by half a pitch
 
 The rotation is counter-clockwise in (s, t) about lens (0, 0), which sits at ``offset_mm``.
+
+Real arrays are a little stretched, sheared and distorted: a ``LatticeMap`` moves the centres of the regular lattice to
+where they are. It is a map of the plane, so that it stays as it is when lenses are numbered in another way.
 """
 
 from __future__ import annotations
@@ -23,14 +26,58 @@ ROW_SPACING = {"square": 1.0, "hexagonal": sqrt(3.0) / 2.0}  # in pitches
 CELL_AREA = ROW_SPACING  # area of one cell in pitches squared: one lens per pitch along a row
 
 
+STEPS = 8  # of the inverse of a map: each leaves the map's largest gradient, at most some percent, of the last error
+
+
+@dataclass(frozen=True)
+class LatticeMap:
+    """How far an array departs from a regular lattice: a centre of the lattice at (s, t) is moved by polynomials of s
+    and t of total degree ``degree``, without a constant term, so that nothing moves on the optical axis.
+
+    ``coefficients_mm``: (ds, dt) of the monomials of s and t, both in units of ``unit_mm``, in the order of ``powers``.
+    """
+
+    degree: int
+    unit_mm: float
+    coefficients_mm: tuple[tuple[float, float], ...]
+
+    def displacement(self, s_mm: ArrayLike, t_mm: ArrayLike) -> tuple[NDArray, NDArray]:
+        """(ds, dt) in mm of centres of the regular lattice at (s, t) in mm."""
+        u, v = np.asarray(s_mm, float) / self.unit_mm, np.asarray(t_mm, float) / self.unit_mm
+        ds, dt = np.zeros(np.broadcast(u, v).shape), np.zeros(np.broadcast(u, v).shape)
+        for (p, q), (a, b) in zip(powers(self.degree), self.coefficients_mm, strict=True):
+            term = u**p * v**q
+            ds, dt = ds + a * term, dt + b * term
+        return ds, dt
+
+    def regular(self, s_mm: ArrayLike, t_mm: ArrayLike) -> tuple[NDArray, NDArray]:
+        """The inverse: where on the regular lattice the points lie that are moved to (s, t), all in mm."""
+        s, t = np.asarray(s_mm, float), np.asarray(t_mm, float)
+        at = s, t
+        for _ in range(STEPS):
+            ds, dt = self.displacement(*at)
+            at = s - ds, t - dt
+        return at
+
+
+def powers(degree: int) -> list[tuple[int, int]]:
+    """Powers (of s, of t) of the monomials of total degree 1 to ``degree``: s, t, s^2, s t, t^2, s^3, ..."""
+    return [(total - q, q) for total in range(1, degree + 1) for q in range(total + 1)]
+
+
 @dataclass(frozen=True)
 class Lattice:
-    """Where the microlenses are. Lengths in mm, rotation in rad (counter-clockwise in (s, t))."""
+    """Where the microlenses are. Lengths in mm, rotation in rad (counter-clockwise in (s, t)).
+
+    ``pitch_mm`` is the distance of lenses along the rows. ``map``: what moves the centres of the regular lattice that
+    the other numbers describe; None for a regular array.
+    """
 
     kind: LatticeKind
     pitch_mm: float
     rotation_rad: float = 0.0
     offset_mm: tuple[float, float] = (0.0, 0.0)
+    map: LatticeMap | None = None
 
     @property
     def row_spacing(self) -> float:
@@ -58,6 +105,14 @@ class Lattice:
 
     def centres(self, i: ArrayLike, j: ArrayLike) -> tuple[NDArray, NDArray]:
         """Centres (s, t) in mm of lenses (i, j); any broadcastable integer arrays."""
+        s, t = self.regular_centres(i, j)
+        if self.map is None:
+            return s, t
+        ds, dt = self.map.displacement(s, t)
+        return s + ds, t + dt
+
+    def regular_centres(self, i: ArrayLike, j: ArrayLike) -> tuple[NDArray, NDArray]:
+        """``centres`` before ``map`` moves them."""
         i, j = np.asarray(i), np.asarray(j)
         half = 0.5 * (j & 1) if self.kind == "hexagonal" else 0.0
         a, b = (i + half) * self.pitch_mm, j * (self.row_spacing * self.pitch_mm)
@@ -65,7 +120,10 @@ class Lattice:
         return self.offset_mm[0] + c * a - s * b, self.offset_mm[1] + s * a + c * b
 
     def coordinates(self, s_mm: ArrayLike, t_mm: ArrayLike) -> tuple[NDArray, NDArray]:
-        """Points (s, t) in mm as lattice coordinates (along rows, across rows), in pitches from lens (0, 0)."""
+        """Points (s, t) in mm as lattice coordinates (along rows, across rows), in pitches from lens (0, 0), of the
+        regular lattice."""
+        if self.map is not None:
+            s_mm, t_mm = self.map.regular(s_mm, t_mm)
         a, b = np.asarray(s_mm) - self.offset_mm[0], np.asarray(t_mm) - self.offset_mm[1]
         c, s = cos(self.rotation_rad), sin(self.rotation_rad)
         return (c * a + s * b) / self.pitch_mm, (c * b - s * a) / self.pitch_mm

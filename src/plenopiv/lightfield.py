@@ -42,7 +42,6 @@ class Layout:
     offsets: NDArray[np.int32]  # (view, 2): pixel offset (m along columns, n along rows)
     pixel: NDArray[np.int32]  # (lens, 2): column and row of the pixel nearest to the micro-image's centre
     phase: NDArray[np.float32]  # (lens, 2): micro-image centre minus that pixel, px
-    clock: NDArray[np.int64]  # (3, 2): the same as whole 2**-32 px, at lens (0, 0), per half pitch, per row
     fill: NDArray[np.float32]  # (view, lens): share of the pixel that the lens' image of the aperture lights
     seen: NDArray[np.bool_]  # (view, lens): the pixel exists, is lit by this lens and by no other, and can be used
     lost: NDArray[np.bool_] | None = None  # (view, lens): would be seen, but cannot be used
@@ -106,19 +105,22 @@ def _neighbour_offsets_px(camera: PlenopticCamera) -> NDArray:
     return d[(length > 0) & (length < 1.5 * camera.image_pitch_px)]
 
 
-def _clock(camera: PlenopticCamera) -> NDArray[np.int64]:
-    """Fractional pixel of the micro-images' centres in units of 2**-32 px: at lens (0, 0), per half pitch along a
-    row, per row.
+def _fractions(camera: PlenopticCamera, i: NDArray, j: NDArray, centre: NDArray) -> NDArray[np.float64]:
+    """Fractional pixels (lens, 2) of micro-images centred at ``centre`` (lens, 2), column and row.
 
-    Kernels get a lens' phase from its indices by integer arithmetic that wraps around, which no rounding disturbs:
-    phase = wrap(clock[0] + (2 i + odd row) clock[1] + j clock[2]).
+    Of a regular lattice they are counted in whole 2**-32 px from lens (0, 0) on, which no rounding disturbs.
     """
     lattice, sensor = camera.lattice, camera.sensor
+    if lattice.map is not None:
+        return np.asarray(centre - np.rint(centre), np.float64)
     scale = (1 + camera.image_scale) / sensor.pixel_pitch_mm
     c, s = cos(lattice.rotation_rad) * lattice.pitch_mm * scale, sin(lattice.rotation_rad) * lattice.pitch_mm * scale
     first = sensor.pixel_from_plane(*(o * (1 + camera.image_scale) for o in lattice.offset_mm))
     steps = np.array([first, (-c / 2, s / 2), (s * lattice.row_spacing, c * lattice.row_spacing)])
-    return wrapped(np.rint(steps * 2.0**32).astype(np.int64))
+    ticks = wrapped(np.rint(steps * 2.0**32).astype(np.int64))
+    half_pitches = 2 * i + ((j & 1) if lattice.kind == "hexagonal" else 0)
+    ticks_of_lens = wrapped(ticks[0] + half_pitches[:, None] * ticks[1] + j[:, None] * ticks[2])
+    return np.asarray(ticks_of_lens * 2.0**-32, np.float64)
 
 
 def wrapped(ticks: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -154,9 +156,7 @@ def layout(camera: PlenopticCamera, unusable: NDArray[np.bool_] | None = None) -
     j, i = (g.ravel() for g in np.mgrid[j0 : j1 + 1, i0 : i1 + 1])
     s, t = lattice.centres(i, j)
     centre = np.stack(sensor.pixel_from_plane(s * (1 + e), t * (1 + e)), -1)
-    clock = _clock(camera)
-    half_pitches = 2 * i + ((j & 1) if lattice.kind == "hexagonal" else 0)
-    fraction = wrapped(clock[0] + half_pitches[:, None] * clock[1] + j[:, None] * clock[2]) * 2.0**-32
+    fraction = _fractions(camera, i, j, centre)
     pixel = np.rint(centre - fraction).astype(np.int32)
     phase = fraction.astype(np.float32)
 
@@ -183,7 +183,7 @@ def layout(camera: PlenopticCamera, unusable: NDArray[np.bool_] | None = None) -
     keep = seen.any(1)
     block = i0, j0, i1 - i0 + 1, j1 - j0 + 1
     left = None if lost is None else lost[keep]
-    return Layout(camera, *block, offsets[keep], pixel, phase, clock, fill[keep], seen[keep], left)
+    return Layout(camera, *block, offsets[keep], pixel, phase, fill[keep], seen[keep], left)
 
 
 def decode(image: NDArray, where: Layout) -> LightField:

@@ -2,12 +2,13 @@
 
 import math
 import tomllib
+from dataclasses import replace
 
 import pytest
 
 from plenopiv.calibration import LatticeFit, load_lattice, save_lattice
 from plenopiv.errors import PlenoPIVError
-from plenopiv.lattice import Lattice
+from plenopiv.lattice import Lattice, LatticeMap
 
 FIT = LatticeFit(
     lattice=Lattice("hexagonal", 0.1 / 3.0, -1.0 / 7.0, (1e-7 / 3.0, -0.02)),
@@ -20,12 +21,15 @@ FIT = LatticeFit(
     microlenses=13839,
     rejected=3,
 )
+BY = LatticeMap(2, 1.0 / 3.0, ((1e-7, -0.1 / 7.0), (0.0, 2e-5), (1e-3, 0.0), (0.0, 1e-9), (-3e-4, 0.25)))
+MAPPED = LatticeFit(**{**FIT.__dict__, "lattice": replace(FIT.lattice, map=BY), "stretch_std": 1e-6 / 3.0})
 
 
-def test_round_trip_is_exact(tmp_path):
+@pytest.mark.parametrize("fit", [FIT, MAPPED], ids=["regular", "mapped"])
+def test_round_trip_is_exact(tmp_path, fit):
     path = tmp_path / "lattice.toml"
-    save_lattice(FIT, path)
-    assert load_lattice(path) == FIT
+    save_lattice(fit, path)
+    assert load_lattice(path) == fit
     assert [p.name for p in tmp_path.iterdir()] == ["lattice.toml"]
 
 
@@ -35,6 +39,33 @@ def test_unmeasured_region_survives(tmp_path):
     ((first, second),) = load_lattice(path).residual_map_px
     assert math.isnan(first)
     assert second == 0.5
+
+
+def test_files_without_deviations_still_load(tmp_path):
+    path = tmp_path / "lattice.toml"
+    save_lattice(FIT, path)
+    path.write_text("".join(line for line in path.read_text().splitlines(True) if "_std" not in line))
+    assert load_lattice(path) == FIT
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("degree = 2", "degree = 3", "lattice.map.coefficients_mm"),
+        ("degree = 2", "degree = 2.5", "lattice.map.degree"),
+        ("unit_mm = 0.3", "unit_mm = -0.3", "lattice.map.unit_mm"),
+        ("[1e-07, ", "[", "lattice.map.coefficients_mm"),
+        ("[1e-07, ", "[nan, ", "lattice.map.coefficients_mm"),
+    ],
+)
+def test_corrupted_map(tmp_path, old, new, message):
+    path = tmp_path / "lattice.toml"
+    save_lattice(MAPPED, path)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(PlenoPIVError, match=rf"lattice\.toml: {message} is missing.*plenopiv calibrate"):
+        load_lattice(path)
 
 
 def test_keys_name_their_units(tmp_path):

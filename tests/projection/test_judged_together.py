@@ -6,16 +6,19 @@ import numpy as np
 import pytest
 from oracles.cameras import small_camera
 
+from plenopiv.lattice import LatticeMap
 from plenopiv.lightfield import layout
 from plenopiv.projection.plenoptic.candidates.in_focus import borders_coincide, rule_out_together
 from plenopiv.volume import VoxelGrid
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
+STRETCHED = LatticeMap(1, 0.2, ((0.004, -0.0007), (0.001, -0.006)))
 CAMERAS = {
     "square": small_camera("square", pmr=8, microlenses=(7, 6), rotation_rad=0.02, offset_mm=(0.007, -0.004)),
     "hexagonal": small_camera("hexagonal", pmr=8, microlenses=(7, 6), rotation_rad=-0.03, offset_mm=(-0.01, 0.006)),
 }
+CAMERAS["stretched"] = CAMERAS["hexagonal"].with_lattice(replace(CAMERAS["hexagonal"].lattice, map=STRETCHED))
 
 
 def test_borders_coincide_up_to_half_a_voxel():
@@ -39,9 +42,12 @@ def test_borders_half_a_voxel_apart_do_not_coincide():
 
 
 def nearest_lens(camera, s, t):
-    """(i, j) of the lens whose centre is nearest, by looking at all of them."""
+    """(i, j) of the lens whose centre is nearest before the array is stretched, by looking at all of them."""
     i, j = np.mgrid[-9:10, -9:10]
-    centre_s, centre_t = camera.lattice.centres(i, j)
+    if camera.lattice.map is not None:
+        stretch = np.eye(2) + np.transpose(STRETCHED.coefficients_mm) / STRETCHED.unit_mm
+        s, t = np.linalg.solve(stretch, (s, t))
+    centre_s, centre_t = replace(camera.lattice, map=None).centres(i, j)
     at = int(np.argmin((centre_s - s) ** 2 + (centre_t - t) ** 2))
     return int(i.flat[at]), int(j.flat[at])
 

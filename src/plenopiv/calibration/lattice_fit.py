@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import degrees, isfinite
 from pathlib import Path
@@ -12,7 +13,10 @@ from typing import Any
 import numpy as np
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.lattice import Lattice
+from plenopiv.lattice import Lattice, LatticeMap, powers
+
+DEVIATIONS = ("rotation_std_rad", "stretch_std", "shear_std_rad")  # older files lack them
+LARGEST_DEGREE = 9  # of a map that a file may hold
 
 
 @dataclass(frozen=True)
@@ -22,10 +26,11 @@ class LatticeFit:
     ``lattice`` is that of the microlenses, in mm on the microlens plane; their images are ``image_pitch_px`` apart.
     ``residual_px`` is the RMS and ``worst_px`` the 99.9th percentile of the residuals' lengths, shot noise included.
     ``residual_map_px[row][column]`` is the length of the mean residual in blocks of the upright image (NaN where no
-    micro-image was measured): noise averages out in it, distortion stays. ``stretch`` and ``shear_rad`` are what an
-    affine map would add to the fitted similarity: by how much, relatively, the spacing along the rows exceeds that
-    across them, and by how much the angle between the two falls short of a right angle. Both are zero for a regular
-    array parallel to the sensor. ``microlenses`` were used, ``rejected`` were not (dust, dead, dark).
+    micro-image was measured): noise averages out in it, what the lattice does not describe stays. ``stretch`` and
+    ``shear_rad``: by how much, relatively, the spacing along the rows exceeds that across them, and by how much the
+    angle between the two falls short of a right angle. Both are zero for a regular array parallel to the sensor; where
+    the array departs from it by more than chance, ``lattice.map`` holds them and what else the array is distorted by.
+    ``microlenses`` were used, ``rejected`` were not (dust, dead, dark). Standard deviations are 0 where not known.
     """
 
     lattice: Lattice
@@ -37,6 +42,9 @@ class LatticeFit:
     shear_rad: float
     microlenses: int
     rejected: int
+    rotation_std_rad: float = 0.0
+    stretch_std: float = 0.0
+    shear_std_rad: float = 0.0
 
     @property
     def rotation_deg(self) -> float:
@@ -46,7 +54,14 @@ class LatticeFit:
     @property
     def offset_mm(self) -> tuple[float, float]:
         """Centre (s, t) on the microlens plane of the lens nearest to the optical axis."""
-        return self.lattice.offset_mm
+        s, t = self.lattice.centres(0, 0)
+        return float(s), float(t)
+
+    @property
+    def map_words(self) -> str:
+        """What ``lattice.map`` is, in words."""
+        by = self.lattice.map
+        return "regular" if by is None else ("affine map", "quadratic map", "cubic map")[by.degree - 1]
 
     @property
     def worst_region_px(self) -> float:
@@ -70,7 +85,7 @@ kind = "{lattice.kind}"
 pitch_mm = {lattice.pitch_mm!r}
 rotation_rad = {lattice.rotation_rad!r}  # {fit.rotation_deg:.6f} degrees, counter-clockwise in (s, t)
 offset_mm = [{lattice.offset_mm[0]!r}, {lattice.offset_mm[1]!r}]  # lens nearest to the axis
-
+{_map_text(lattice.map)}
 [fit]
 image_pitch_px = {fit.image_pitch_px!r}
 residual_px = {fit.residual_px!r}  # RMS
@@ -79,6 +94,9 @@ stretch = {fit.stretch!r}
 shear_rad = {fit.shear_rad!r}
 microlenses = {fit.microlenses}
 rejected = {fit.rejected}
+rotation_std_rad = {fit.rotation_std_rad!r}
+stretch_std = {fit.stretch_std!r}
+shear_std_rad = {fit.shear_std_rad!r}
 residual_map_px = [  # mean residual by regions of the upright image
 {blocks},
 ]
@@ -89,6 +107,21 @@ residual_map_px = [  # mean residual by regions of the upright image
         os.replace(aside, path)
     except OSError as error:
         raise PlenoPIVError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
+
+
+def _map_text(by: LatticeMap | None) -> str:
+    """The section of a map; nothing for a regular lattice."""
+    if by is None:
+        return ""
+    terms = ",\n".join(f"    [{a!r}, {b!r}]" for a, b in by.coefficients_mm)
+    return f"""
+[lattice.map]  # the array's departure from the regular lattice above: (ds, dt) = sum of coefficients (s, t)^(p, q)
+degree = {by.degree}
+unit_mm = {by.unit_mm!r}  # of s and t
+coefficients_mm = [  # of s, t, s^2, s t, t^2, s^3, ...
+{terms},
+]
+"""
 
 
 def load_lattice(path: str | Path) -> LatticeFit:
@@ -129,6 +162,7 @@ def load_lattice(path: str | Path) -> LatticeFit:
             number("lattice", "pitch_mm", smallest),
             number("lattice", "rotation_rad"),
             (float(offset[0]), float(offset[1])),
+            _map(_table(data, "lattice").get("map"), fail),
         ),
         image_pitch_px=number("fit", "image_pitch_px", smallest),
         residual_px=number("fit", "residual_px", 0.0),
@@ -138,7 +172,27 @@ def load_lattice(path: str | Path) -> LatticeFit:
         shear_rad=number("fit", "shear_rad"),
         microlenses=int(number("fit", "microlenses", 1)),
         rejected=int(number("fit", "rejected", 0)),
+        **{key: number("fit", key, 0.0) for key in DEVIATIONS if key in _table(data, "fit")},
     )
+
+
+def _map(data: Any, fail: Callable[[str], PlenoPIVError]) -> LatticeMap | None:
+    """The map of ``[lattice.map]``; None where the file has none. ``fail`` makes the error that names a key."""
+    if data is None:
+        return None
+    table: dict[str, Any] = data if isinstance(data, dict) else {}
+    degree: Any = table.get("degree")
+    unit: Any = table.get("unit_mm")
+    terms: Any = table.get("coefficients_mm")
+    if isinstance(degree, bool) or not isinstance(degree, int) or not 1 <= degree <= LARGEST_DEGREE:
+        raise fail("lattice.map.degree")
+    if not _is_numbers([unit]) or not isfinite(unit) or unit <= 0.0:
+        raise fail("lattice.map.unit_mm")
+    if not isinstance(terms, list) or len(terms) != len(powers(degree)):
+        raise fail("lattice.map.coefficients_mm")
+    if not all(_is_numbers(term) and len(term) == 2 and all(isfinite(x) for x in term) for term in terms):
+        raise fail("lattice.map.coefficients_mm")
+    return LatticeMap(degree, float(unit), tuple((float(a), float(b)) for a, b in terms))
 
 
 def _table(data: dict[str, Any], section: str) -> dict[str, Any]:

@@ -4,29 +4,30 @@
    (``spectrum``): good to a few hundredths of a pixel there.
 2. Every micro-image's centre is measured (``micro_images``), first near the axis and then ever farther out, so that
    the lattice fitted so far always predicts the next centres to a fraction of a pixel.
-3. A similarity (pitch, rotation, offset) is fitted to all centres; what a general affine map would add, and the mean
-   residual by regions of the sensor, show whether one regular lattice describes the array.
+3. A similarity (pitch, rotation, offset) is fitted to all centres, and where they ask for it an affine, quadratic or
+   cubic map (``array_fit``); the mean residual by regions of the sensor shows whether that describes the array.
 """
 
 from __future__ import annotations
 
 import warnings
-from cmath import phase
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.calibration.array_fit import ArrayFit, best_fit, deviations
 from plenopiv.calibration.lattice_fit import LatticeFit
 from plenopiv.calibration.micro_images import Disc, MicroImages, find_disc, inside, measure, refine_disc
-from plenopiv.calibration.spectrum import find_peaks, read_lattice, read_offset, reduced_angle, unit_centres
+from plenopiv.calibration.spectrum import find_peaks, read_lattice, read_offset, unit_centres
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
-from plenopiv.lattice import Lattice, LatticeKind
+from plenopiv.lattice import LatticeKind
 
 PITCH_TOLERANCE = 0.03  # stated against found
 REGIONS = 4  # the residual map has REGIONS x REGIONS blocks
-STAGES = (24.0, 120.0, 1e6)  # radii in pitches out to which centres are measured
+FIRST_STAGE = 16.0  # radius in pitches out to which centres are measured first
+GROWTH = 1.6  # of that radius from one stage to the next
 MOST_FITS = 8  # of each stage
 CONVERGED_PX = 1e-3  # by which the farthest centre, radius and blur still change
 SAMPLE = 3000  # micro-images of each fit but the last, which takes all
@@ -47,40 +48,38 @@ def find_lattice(white: NDArray, camera: PlenopticCamera, name: str = "white ima
     _check_counts(white, camera, name)
     # In an upright image columns grow with -s: turned round, both axes grow with (s, t).
     image = np.asarray(white)[:, ::-1]
-    pitch, offset = _first_estimate(image, camera, name)
+    fit = ArrayFit.similar(*_first_estimate(image, camera, name))
     kind = camera.lattice.kind
-    numbers = _numbers(image, kind, pitch, offset, STAGES[0])
+    reach, whole = FIRST_STAGE, 2.0 + np.hypot(*image.shape) / abs(fit.pitch)
+    numbers = _numbers(image, kind, fit, reach)
     if len(numbers) < 25:
         raise PlenoPIVError(
             f"{name}: only {len(numbers)} whole micro-images fit on the sensor: too few to find the lattice; "
             "check camera.sensor and camera.microlens_array.pitch_mm"
         )
-    disc = find_disc(image, offset + pitch * numbers[:: max(1, len(numbers) // 64)], kind, pitch)
-    count = 0
-    for reach in STAGES:
-        numbers = _numbers(image, kind, pitch, offset, reach)
-        if len(numbers) == count:  # the sensor ends here: all have been fitted
-            break
-        count = len(numbers)
-        numbers = numbers[:: max(1, count // SAMPLE)]
-        far = float(np.abs(numbers).max())
+    disc = find_disc(image, fit(numbers[:: max(1, len(numbers) // 64)]), kind, fit.pitch)
+    while True:
+        numbers = _numbers(image, kind, fit, reach)
+        numbers = numbers[:: max(1, len(numbers) // SAMPLE)]
         for _ in range(MOST_FITS):
-            before, shape = pitch, disc
-            measured = measure(image, offset + pitch * numbers, disc)
-            good = _sound(measured, offset + pitch * numbers, image, name)
-            pitch, offset = _similarity(numbers[good], measured.position[good])
-            disc = refine_disc(image, offset + pitch * numbers[good], replace(disc, pitch=pitch))
-            moved = (far * abs(pitch - before), disc.radius_px - shape.radius_px, disc.blur_px - shape.blur_px)
-            if max(np.abs(moved)) < CONVERGED_PX:
+            before, shape = fit(numbers), disc
+            measured = measure(image, before, disc)
+            good = _sound(measured, before, image, name)
+            fit = best_fit(numbers[good], measured.position[good])
+            disc = refine_disc(image, fit(numbers[good]), replace(disc, pitch=fit.pitch))
+            moved = np.abs(fit(numbers) - before).max()
+            if max(moved, abs(disc.radius_px - shape.radius_px), abs(disc.blur_px - shape.blur_px)) < CONVERGED_PX:
                 break
-    numbers = _numbers(image, kind, pitch, offset, STAGES[-1])
-    predicted = offset + pitch * numbers
+        if reach > whole:  # the sensor ends here: all have been fitted
+            break
+        reach *= GROWTH
+    numbers = _numbers(image, kind, fit, reach)
+    predicted = fit(numbers)
     shift = measure(image, predicted, disc).position - predicted
     # Measured once more about the centres found: a large shift is only known to some percent from a linear fit.
     measured = measure(image, predicted + shift * np.minimum(1.0, 0.5 / np.maximum(np.abs(shift), 0.5)), disc)
     good = _sound(measured, predicted, image, name)
-    pitch, offset = _similarity(numbers[good], measured.position[good])
-    return _summary(camera, image, numbers, measured.position, good, pitch, offset, name)
+    return _summary(camera, image, numbers[good], measured.position[good], int((~good).sum()), name)
 
 
 def _check_counts(white: NDArray, camera: PlenopticCamera, name: str) -> None:
@@ -131,16 +130,16 @@ def _first_estimate(image: NDArray, camera: PlenopticCamera, name: str) -> tuple
     return found.pitch, read_offset(image, found)
 
 
-def _numbers(image: NDArray, kind: LatticeKind, pitch: complex, offset: complex, radius: float) -> NDArray:
+def _numbers(image: NDArray, kind: LatticeKind, fit: ArrayFit, radius: float) -> NDArray:
     """Lenses, as points of the unit lattice, with whole micro-images within a radius (in pitches) of the axis."""
     rows, columns = image.shape
-    reach = min(radius * abs(pitch), np.hypot(rows, columns) / 2.0) + abs(offset)
-    n = int(reach / abs(pitch) * 1.2) + 2
+    pitch = abs(fit.pitch)
+    reach = min(radius * pitch, np.hypot(rows, columns) / 2.0) + abs(fit.coefficients[0])
+    n = int(reach / pitch * 1.2) + 2
     i, j = np.meshgrid(np.arange(-n, n + 1), np.arange(-n, n + 1))
     numbers = unit_centres(kind, i.ravel(), j.ravel())
-    positions = offset + pitch * numbers
-    half_window = Disc(kind, pitch, 0.0, 0.0).half_window
-    return numbers[inside(image.shape, positions, half_window) & (np.abs(positions) <= radius * abs(pitch))]
+    numbers = numbers[np.abs(fit.coefficients[0] + fit.pitch * numbers) <= radius * pitch]
+    return numbers[inside(image.shape, fit(numbers), Disc(kind, fit.pitch, 0.0, 0.0).half_window)]
 
 
 def _block(position: NDArray[np.complex128], image: NDArray, blocks: int) -> NDArray[np.int64]:
@@ -177,39 +176,18 @@ def _sound(measured: MicroImages, predicted: NDArray, image: NDArray, name: str)
     return sound
 
 
-def _similarity(numbers: NDArray[np.complex128], position: NDArray[np.complex128]) -> tuple[complex, complex]:
-    """Complex pitch and offset of the least-squares similarity: position = offset + pitch * number."""
-    middle = numbers.mean()
-    w = numbers - middle
-    pitch = complex(np.sum(np.conj(w) * position) / np.sum(np.abs(w) ** 2))
-    return pitch, complex(position.mean() - pitch * middle)
-
-
-def _affine(numbers: NDArray[np.complex128], residual: NDArray[np.complex128], pitch: complex) -> tuple[float, float]:
-    """Stretch and shear (rad) of an affine map of the residuals of the similarity.
-
-    To first order position = offset + pitch (w + mu conj(w)): the lattice is stretched by 1 + |mu| along one
-    direction and 1 - |mu| across it, and the largest departure of a right angle is 2 |mu|.
-    """
-    w = np.conj(numbers - numbers.mean())
-    mu = complex(np.sum(np.conj(w) * residual) / np.sum(np.abs(w) ** 2)) / pitch
-    return 2.0 * mu.real, 2.0 * mu.imag
-
-
 def _summary(
     camera: PlenopticCamera,
     image: NDArray,
     numbers: NDArray[np.complex128],
     position: NDArray[np.complex128],
-    good: NDArray[np.bool_],
-    pitch: complex,
-    offset: complex,
+    rejected: int,
     name: str,
 ) -> LatticeFit:
-    """The fit in mm on the microlens plane, with its residuals."""
-    kind = camera.lattice.kind
-    predicted = offset + pitch * numbers[good]
-    residual = position[good] - predicted
+    """The fit in mm on the microlens plane, with its residuals, to sound micro-images."""
+    fit = best_fit(numbers, position)
+    predicted = fit(numbers)
+    residual = position - predicted
     block = _block(predicted, image, REGIONS)
     count = np.bincount(block, minlength=REGIONS**2)
     with np.errstate(invalid="ignore"):
@@ -224,25 +202,19 @@ def _summary(
             PlenoPIVWarning,
             stacklevel=3,
         )
-    mm = camera.sensor.pixel_pitch_mm / (1.0 + camera.image_scale)  # of microlens plane per pixel
-    lattice = _nearest_to_axis(
-        Lattice(kind, abs(pitch) * mm, reduced_angle(kind, phase(pitch)), (offset.real * mm, offset.imag * mm))
-    )
-    stretch, shear = _affine(numbers[good], residual, pitch)
+    affine = ArrayFit.fitted(numbers, position, max(1, fit.degree))
+    rotation_std, stretch_std, shear_std = deviations(numbers, position, fit.degree)
     return LatticeFit(
-        lattice=lattice,
-        image_pitch_px=abs(pitch),
+        lattice=fit.lattice(camera.lattice.kind, camera.sensor.pixel_pitch_mm / (1.0 + camera.image_scale)),
+        image_pitch_px=abs(fit.pitch),
         residual_px=float(np.sqrt(np.mean(np.abs(residual) ** 2))),
         worst_px=float(np.percentile(np.abs(residual), 99.9)),
         residual_map_px=tuple(tuple(float(x) for x in row) for row in regions),
-        stretch=stretch,
-        shear_rad=shear,
-        microlenses=int(good.sum()),
-        rejected=int((~good).sum()),
+        stretch=affine.stretch,
+        shear_rad=affine.shear_rad,
+        microlenses=len(numbers),
+        rejected=rejected,
+        rotation_std_rad=rotation_std,
+        stretch_std=stretch_std,
+        shear_std_rad=shear_std,
     )
-
-
-def _nearest_to_axis(lattice: Lattice) -> Lattice:
-    """The same lattice, numbered from the lens nearest to the optical axis."""
-    s, t = lattice.centres(*lattice.nearest(0.0, 0.0))
-    return Lattice(lattice.kind, lattice.pitch_mm, lattice.rotation_rad, (float(s), float(t)))

@@ -42,7 +42,7 @@ def white_image(white: NDArray, camera: PlenopticCamera, name: str) -> tuple[lis
 def _lattice(fit: LatticeFit, name: str) -> Finding:
     words = (
         f"{name} shows {fit.microlenses} microlenses, {fit.lattice.kind}, turned by {fit.rotation_deg:+.2f} degrees, "
-        f"{fit.residual_px:.3f} px off a regular lattice (RMS), {fit.worst_region_px:.3f} px in the worst region"
+        f"{fit.residual_px:.3f} px off the fitted lattice (RMS), {fit.worst_region_px:.3f} px in the worst region"
     )
     if fit.residual_px > RESIDUAL_PX or fit.worst_region_px > REGION_PX:
         advice = "more light for the white image, clean the array; in one region alone: the array is distorted there"

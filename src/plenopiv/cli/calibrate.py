@@ -34,6 +34,8 @@ def calibrate(file: Path, overwrite: bool) -> str:
             f"lattice    {fit.lattice.kind}, {fit.microlenses} microlenses, {fit.rejected} left out",
             f"pitch      {1e3 * fit.lattice.pitch_mm:.4f} um; micro-images every {fit.image_pitch_px:.5f} px",
             f"rotation   {fit.rotation_deg:+.4f} deg, counter-clockwise in (s, t)",
+            f"array      {fit.map_words}; rows {100 * -fit.stretch:+.4f} % further apart than lenses along them, "
+            f"{1e3 * fit.shear_rad:+.3f} mrad off a right angle",
             f"offset     s = {1e3 * s:+.2f} um, t = {1e3 * t:+.2f} um",
             f"residual   {fit.residual_px:.3f} px RMS, {fit.worst_px:.3f} px at 99.9 %, "
             f"{fit.worst_region_px:.3f} px in the worst region",

@@ -158,3 +158,17 @@ def lenses_mm(layout: Layout) -> NDArray[np.float32]:
     """Centres of the microlenses, (lens, 2), s and t."""
     j, i = np.mgrid[layout.j0 : layout.j0 + layout.nj, layout.i0 : layout.i0 + layout.ni]
     return np.stack(layout.camera.lattice.centres(i.ravel(), j.ravel()), -1).astype(np.float32)
+
+
+def lenses_moved(layout: Layout) -> tuple[NDArray[np.float32], np.float32]:
+    """How far the array moves each microlens from its place on the regular lattice, (lens, 2), along and across the
+    rows, in pitches, and the most that this changes from one lens to the next; (1, 2) of 0 for a regular array."""
+    lattice = layout.camera.lattice
+    if lattice.map is None:
+        return np.zeros((1, 2), np.float32), np.float32(0)
+    j, i = np.mgrid[layout.j0 : layout.j0 + layout.nj, layout.i0 : layout.i0 + layout.ni]
+    ds, dt = lattice.map.displacement(*lattice.regular_centres(i, j))
+    c, s = cos(lattice.rotation_rad) / lattice.pitch_mm, sin(lattice.rotation_rad) / lattice.pitch_mm
+    moved = np.stack([c * ds + s * dt, c * dt - s * ds], -1)
+    change = max(float(np.linalg.norm(np.diff(moved, axis=axis), axis=-1).max(initial=0.0)) for axis in (0, 1))
+    return moved.reshape(-1, 2).astype(np.float32), np.float32(1.5 * change)

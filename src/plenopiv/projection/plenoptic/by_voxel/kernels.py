@@ -2,9 +2,9 @@
 
 A block of listed voxels of one plane is worked on at once. The microlenses that a voxel may light in a view are a small
 window of lattice indices, as many slots for every voxel of the plane. Slot by slot, positions are plain arithmetic on
-whole vectors of voxels, without a branch or a table (a lens' phase comes from ``Layout.clock``). Pairs of a voxel and a
-lens that it does light, a quarter to a half of them, are collected; their weights are again vector arithmetic, and only
-then are images read or added to.
+whole vectors of voxels but for the lenses' phases and places, which are read from tables. Pairs of a voxel and a lens
+that it does light, a quarter to a half of them, are collected; their weights are again vector arithmetic, and only then
+are images read or added to.
 
 The list is cut into fixed chunks; each sums into an image of its own and the caller adds those in order, so results do
 not depend on the number of threads.
@@ -16,11 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import kernel, part
+from plenopiv.projection.plenoptic.by_voxel.slots import (
+    block_centres,
+    first_lenses,
+    first_rows,
+    move_block,
+    slot_places,
+)
 from plenopiv.projection.plenoptic.geometry import CameraConstants, Plane
 from plenopiv.projection.plenoptic.pixel_weights import (
     EXACT,
     ONE_RAY,
-    floor_of,
     pixel_weight,
     plane_of,
     ray_inside,
@@ -32,47 +38,6 @@ from plenopiv.projection.plenoptic.pixel_weights import (
 BLOCK = 128  # voxels worked on at once
 PAIRS = 512  # pairs of a voxel and a lens worked on at once
 F = np.float32
-PX = F(2.0**-32)  # of the clock's ticks
-
-
-@part
-def slot_places(
-    cam: CameraConstants,
-    box: tuple[int, int, int, int],
-    clock: NDArray[np.int64],
-    plane: Plane,
-    count: int,
-    cx: NDArray[np.float32],
-    cy: NDArray[np.float32],
-    first_i: NDArray[np.int64],
-    j_of: NDArray[np.int64],
-    dj: int,
-    di: int,
-    lens: NDArray[np.int64],
-    x: NDArray[np.float32],
-    y: NDArray[np.float32],
-    qx: NDArray[np.float32],
-    qy: NDArray[np.float32],
-    m: np.float32,
-    n: np.float32,
-) -> None:
-    """For one slot: each voxel's lens, its place relative to its footprint's centre (cells), and q of the pixel.
-    ``lens`` is the flat number, or -1 outside the block of lenses."""
-    i0, j0, ni, nj = box
-    spacing = plane.pitch * cam.row
-    for k in range(count):
-        j = j_of[k] + dj
-        odd = (j & 1) if cam.hexagonal else 0
-        i = first_i[k] + di
-        half_pitches = 2 * i + odd
-        phase_c = F(np.int32(clock[0, 0] + half_pitches * clock[1, 0] + j * clock[2, 0])) * PX
-        phase_r = F(np.int32(clock[0, 1] + half_pitches * clock[1, 1] + j * clock[2, 1])) * PX
-        px, py = -plane.move * phase_c, plane.move * phase_r
-        x[k] = cx[k] - F(0.5) * plane.pitch * F(half_pitches) + cam.cos * px + cam.sin * py
-        y[k] = cy[k] - spacing * F(j) + cam.cos * py - cam.sin * px
-        qx[k], qy[k] = m - phase_c, phase_r - n
-        here = (i >= i0) & (i < i0 + ni) & (j >= j0) & (j < j0 + nj)
-        lens[k] = (j - j0) * ni + (i - i0) if here else -1
 
 
 @part
@@ -136,47 +101,6 @@ def pair_weights(
 
 
 @part
-def block_centres(
-    cam: CameraConstants,
-    plane: Plane,
-    m: np.float32,
-    n: np.float32,
-    count: int,
-    column: NDArray[np.int32],
-    row: NDArray[np.int32],
-    cx: NDArray[np.float32],
-    cy: NDArray[np.float32],
-    j_of: NDArray[np.int64],
-    high: np.float32,
-) -> None:
-    """Voxels of a block, seen through the view's nominal portion, in cells from lens (0, 0), and the first row of
-    lenses that each may light."""
-    spacing = plane.pitch * cam.row
-    for k in range(count):
-        ax = plane.cell_x * (cam.x0 + F(column[k])) + plane.move * m - plane.origin_x
-        ay = plane.cell_y * (cam.y0 + F(row[k])) - plane.move * n - plane.origin_y
-        cx[k], cy[k] = cam.cos * ax + cam.sin * ay, cam.cos * ay - cam.sin * ax
-        j_of[k] = floor_of((cy[k] - high) / spacing) + 1
-
-
-@part
-def first_lenses(
-    cam: CameraConstants,
-    plane: Plane,
-    count: int,
-    cx: NDArray[np.float32],
-    j_of: NDArray[np.int64],
-    dj: int,
-    wide: np.float32,
-    first_i: NDArray[np.int64],
-) -> None:
-    """The first lens that each voxel of a block may light in row ``dj`` of its window."""
-    for k in range(count):
-        odd = F((j_of[k] + dj) & 1) if cam.hexagonal else F(0)
-        first_i[k] = floor_of((cx[k] - wide) / plane.pitch - F(0.5) * odd) + 1
-
-
-@part
 def fill_block(
     plane_end: int,
     start: int,
@@ -205,7 +129,9 @@ def project(
     end: int,
     cam: CameraConstants,
     box: tuple[int, int, int, int],
-    clock: NDArray[np.int64],
+    phase: NDArray[np.float32],
+    moved: NDArray[np.float32],
+    change: np.float32,
     table: NDArray[np.float32],
     ny: int,
     rule: int,
@@ -225,11 +151,14 @@ def project(
     """Project the listed voxels to one view, or an image of it back to the voxels.
 
     ``scatter``: add the voxels' light to ``partial`` (chunk, lens). Otherwise: the sum of ``image`` (lens,) for each
-    voxel by its weights, into ``out``. ``chunks``: bounds of runs of rows, of which ``begin`` to ``end`` are worked on.
+    voxel by its weights, into ``out``. ``phase`` (lens, 2) of the lenses, and ``moved`` (lens, 2) how far the array
+    moves them along and across the rows, in pitches; (1, 2) of a regular one; ``change``: how much this changes at most
+    from one lens to the next. ``chunks``: bounds of runs of rows, of which ``begin`` to ``end`` are worked on.
     """
     for c in range(begin, end):
         block_column, block_row = np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int32)
         j_of, first_i, lens = np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64)
+        by = np.empty(BLOCK, np.int64)
         cx, cy, total = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
         x, y = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
         qx, qy = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
@@ -244,8 +173,10 @@ def project(
             last_row = min((row // ny + 1) * ny, chunks[c + 1])
             start, plane_end = row_start[row], row_start[last_row]
             reach_x, reach_y = reach_of(cam, plane, rule)
-            moved = F(0.5) * abs(plane.move) * (abs(cam.cos) + abs(cam.sin))  # what a phase of half a pixel can move
-            wide, high = reach_x + moved, reach_y + moved
+            slack = F(0.5) * abs(plane.move) * (abs(cam.cos) + abs(cam.sin))  # what a phase of half a pixel can move
+            if moved.shape[0] > 1:
+                slack += change * (max(reach_x, reach_y) + slack + plane.pitch)
+            wide, high = reach_x + slack, reach_y + slack
             lenses, lens_rows = (
                 np.int64(F(2) * wide / plane.pitch) + 1,
                 np.int64(F(2) * high / (plane.pitch * cam.row)) + 1,
@@ -253,7 +184,10 @@ def project(
             slots = lenses * lens_rows
             while start < plane_end:
                 count, row = fill_block(plane_end, start, row, ny, row_start, column, block_column, block_row)
-                block_centres(cam, plane, m, n, count, block_column, block_row, cx, cy, j_of, high)
+                block_centres(cam, plane, m, n, count, block_column, block_row, cx, cy)
+                if moved.shape[0] > 1:
+                    move_block(cam, box, plane, moved, count, cx, cy, by)
+                first_rows(cam, plane, count, cy, j_of, high)
                 for k in range(count):
                     total[k] = values[start + k] * plane.light if scatter else F(0)
                 pairs = 0
@@ -261,7 +195,10 @@ def project(
                     dj, di = slot // lenses, slot % lenses
                     if di == 0:
                         first_lenses(cam, plane, count, cx, j_of, dj, wide, first_i)
-                    slot_places(cam, box, clock, plane, count, cx, cy, first_i, j_of, dj, di, lens, x, y, qx, qy, m, n)
+                    lenses_of = box, phase, moved
+                    slot_places(
+                        cam, *lenses_of, plane, count, cx, cy, by, first_i, j_of, dj, di, lens, x, y, qx, qy, m, n
+                    )
                     pairs = collect_pairs(
                         count,
                         reach_x,

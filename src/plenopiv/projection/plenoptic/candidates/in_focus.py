@@ -59,8 +59,14 @@ def rule_out_together(
     turned = cos(lattice.rotation_rad) / lattice.pitch_mm, sin(lattice.rotation_rad) / lattice.pitch_mm
     about = lattice.kind == "hexagonal", lattice.row_spacing, *turned
     box = layout.i0, layout.j0, layout.ni, layout.nj
-    s, t = scale * x - lattice.offset_mm[0], scale * y - lattice.offset_mm[1]
-    in_threads(judge_together, alive.shape[0], *about, box, s, t, half_x, half_y, bound, counts, views, alive)
+    s, t = scale * x[None], scale * y[:, None]
+    across, up = (half_x, 0.0), (0.0, half_y)
+    if lattice.map is not None:  # to the regular lattice; half a voxel by the map's change near the axis
+        s, t = lattice.map.regular(*np.broadcast_arrays(s, t))
+        (a, b), (c, d) = lattice.map.regular(*across), lattice.map.regular(*up)
+        across, up = (float(a), float(b)), (float(c), float(d))
+    at = s - lattice.offset_mm[0], t - lattice.offset_mm[1]
+    in_threads(judge_together, alive.shape[0], *about, box, *at, across, up, bound, counts, views, alive)
 
 
 @kernel
@@ -74,23 +80,27 @@ def judge_together(
     box: tuple[int, int, int, int],
     at_s: NDArray[np.float64],
     at_t: NDArray[np.float64],
-    half_s: float,
-    half_t: float,
+    across: tuple[float, float],
+    up: tuple[float, float],
     bound: NDArray[np.float32],
     counts: float,
     views: NDArray[np.int64],
     alive: NDArray[np.uint8],
 ) -> None:
     """``rule_out_together`` for rows ``begin`` to ``end``. ``at_s`` and ``at_t``: a plane's voxels on the microlens
-    plane, mm from lens (0, 0). ``c`` and ``s``: cosine and sine of the lattice's rotation divided by its pitch."""
+    plane, mm from lens (0, 0) on the regular lattice; (1, nx) and (ny, 1), or both (ny, nx). ``across`` and ``up``:
+    half a voxel along x and y there, (s, t). ``c`` and ``s``: cosine and sine of the lattice's rotation divided by its
+    pitch."""
     lenses = np.empty(9, np.int64)
     for r in range(begin, end):
-        for k in range(at_s.size):
+        for k in range(at_s.shape[1]):
             if alive[r, k] == 0:
                 continue
             touched, known = 0, True
             for point in range(9):
-                u, v = at_s[k] + half_s * (point % 3 - 1), at_t[r] + half_t * (point // 3 - 1)
+                m, n = point % 3 - 1, point // 3 - 1
+                u = at_s[r % at_s.shape[0], k] + across[0] * m + up[0] * n
+                v = at_t[r, k % at_t.shape[1]] + across[1] * m + up[1] * n
                 at_i, at_j = nearest(hexagonal, row, c * u + s * v, c * v - s * u)
                 i, j = int(at_i) - box[0], int(at_j) - box[1]
                 known &= 0 <= i < box[2] and 0 <= j < box[3]  # beyond them nothing is known
