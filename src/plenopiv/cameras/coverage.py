@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.volume import Limits
 
 
@@ -52,17 +53,21 @@ def pixels_that_see(
     return columns, rows
 
 
-def coverage(camera: PlenopticCamera, limits_mm: Limits, samples: int = 41) -> Coverage:
+def coverage(camera: PlenopticCamera, limits_mm: Limits, samples: int = 41, space: SpaceMap | None = None) -> Coverage:
     """Shares of the volume between ``limits_mm`` = ((x lo, hi), (y lo, hi), (z lo, hi)), from samples^3 points.
 
-    The points include the volume's corners; all must lie in front of the main lens (z < S_o).
+    The points include the volume's corners; all must lie in front of the main lens (z < S_o). With ``space`` the limits
+    are the laboratory's.
     """
-    x, y, z = (np.linspace(lo, hi, samples) for lo, hi in limits_mm)
-    blur = np.abs(camera.spread(z))[:, None, None] * 0.5 * camera.main_lens.aperture_mm
-    magnified = np.abs(camera.scale(z))[:, None, None]
+    axes = (np.linspace(lo, hi, samples) for lo, hi in limits_mm)
+    x, y, z = np.meshgrid(*axes, indexing="ij", sparse=space is None)
+    if space is not None:
+        x, y, z = np.moveaxis(space.to_lens(np.stack([x, y, z], -1)), -1, 0)
+    blur = np.abs(camera.spread(z)) * 0.5 * camera.main_lens.aperture_mm
+    magnified = np.abs(camera.scale(z))
     half_x, half_y = half_sensor_mm(camera)
-    outside_x = magnified * np.abs(x)[None, None, :] - half_x
-    outside_y = magnified * np.abs(y)[None, :, None] - half_y
+    outside_x = magnified * np.abs(x) - half_x
+    outside_y = magnified * np.abs(y) - half_y
     every = (outside_x + blur <= 0) & (outside_y + blur <= 0)
     none = np.hypot(np.maximum(outside_x, 0), np.maximum(outside_y, 0)) > blur
     return Coverage(float(every.mean()), float(none.mean()))

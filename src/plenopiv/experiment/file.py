@@ -11,11 +11,9 @@ from typing import Any
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from plenopiv.cameras.consistency import contradictions, mismatch
-from plenopiv.cameras.coverage import coverage, seen_by_every_view_mm
-from plenopiv.cameras.depth import min_window_depth_mm, min_window_voxels
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.errors import PlenoPIVError
-from plenopiv.experiment import messages, text
+from plenopiv.experiment import in_view, messages, text
 from plenopiv.experiment.tables import (
     CalibrationTable,
     CameraTable,
@@ -109,20 +107,15 @@ class Experiment(Table):
 
     def _volume_contradictions(self) -> list[str]:
         limits = (self.volume.x_mm, self.volume.y_mm, self.volume.z_mm)
-        camera = self.camera()
-        lens_z = camera.main_lens.object_distance_mm
-        if limits[2][1] >= lens_z:
-            return [
-                f"volume.z_mm: {limits[2][1]:g} mm is not in front of the main lens, which is at z = {lens_z:.6g} mm"
-            ]
+        camera, of_camera = self.camera(), self.calibration is None  # else limits are a target's
+        if of_camera and (lines := in_view.behind_lens(self.volume, camera)):
+            return lines
         sides = [max((hi - lo) / voxel, 1.0) for (lo, hi), voxel in zip(limits, self.volume.voxel_mm, strict=True)]
         if prod(sides) > LARGEST_VOLUME or max(sides) > LARGEST_SIDE:
             counts = " x ".join(f"{side:.5g}" for side in sides)
             return [f"volume.voxel_mm: {counts} voxels are too many; are all lengths in mm?"]
-        unseen = coverage(camera, limits).no_view
-        if unseen > 0 and self.volume.unseen == "error" and self.calibration is None:
-            share = f"volume: {100 * unseen:.2g} % of it is seen by no view"
-            return [f'{share}; {self._seen_limits(camera)}; or leave it empty: volume.unseen = "empty"']
+        if of_camera and (lines := in_view.unseen(self.volume, camera)):
+            return lines
         nz, ny, nx = self.grid().shape
         try:
             self.correlation.settings()
@@ -136,13 +129,6 @@ class Experiment(Table):
                         f"correlation.windows[{number}]: {side} voxels along {axis} do not fit into a volume of {total}"
                     )
         return lines
-
-    def _seen_limits(self, camera: PlenopticCamera) -> str:
-        x, y = (float(min(side)) for side in seen_by_every_view_mm(camera, self.volume.z_mm))
-        lo, hi = self.volume.z_mm
-        if min(x, y) <= 0:
-            return f"at z = {lo:g} or {hi:g} mm no point is seen by every view: reduce z_mm"
-        return f"every view sees |x| < {x:.3g} mm, |y| < {y:.3g} mm from z = {lo:g} to {hi:g} mm"
 
     @property
     def path(self) -> Path:
@@ -207,26 +193,8 @@ class Experiment(Table):
                 "calibration: images of a target are not used yet: x, y, z are those of a thin lens in air, not the "
                 "target's; behind a window, in water, z and w come out too small by the refractive index"
             )
-        near, far = camera.dead_zone_mm()
-        if near <= self.volume.z_mm[0] and self.volume.z_mm[1] <= far:
-            lines.append(
-                f"the whole volume lies where depth cannot be told (z from {near:.3g} to {far:.3g} mm, where a point's "
-                f"blur is smaller than a microlens); widen volume.z_mm or move the focal plane"
-            )
-        window, voxel = self.correlation.windows[-1][2], self.volume.voxel_mm[2]
-        if window * voxel < min_window_depth_mm(camera):
-            enough = min_window_voxels(camera, voxel)
-            lines.append(
-                f"correlation.windows: the last ones are {window * voxel:.2g} mm deep and particles' images hardly "
-                f"less (the dead zone is {far - near:.2g} mm), so displacements in depth come out too small; give "
-                f"windows {enough} voxels along z"
-            )
-        seen = coverage(camera, (self.volume.x_mm, self.volume.y_mm, self.volume.z_mm)).every_view
-        if seen < 1:
-            lines.append(
-                f"{100 * (1 - seen):.2g} % of the volume is missed by some views, and depth is worse there; "
-                f"{self._seen_limits(camera)}"
-            )
+        else:
+            lines += in_view.warnings(self.volume, self.correlation, camera)
         return lines
 
     def dump_toml(self, folder: str | Path | None = None) -> str:
