@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     import xarray
 
 Camera = PlenopticCamera | PinholeCamera
+LARGEST_SIDE = 2**16 - 1  # voxels: sparse volumes keep 16 bits for a voxel's place in its row
 LOST = 0.1  # of a microlens' pixels: fewer make no difference to the voxels
 DEFAULT_RECONSTRUCTION, DEFAULT_CORRELATION = ReconstructionSettings(), CorrelationSettings()
 
@@ -140,6 +141,8 @@ class Chain:
                 f"volume.z_mm: in lens space it reaches z = {nearest:.6g} mm, which is not in front of the main lens "
                 f"at {lens.object_distance_mm:.6g} mm; is the calibration this camera's?"
             )
+        if max(found.shape) > LARGEST_SIDE:
+            raise PlenoPIVError(f"volume.voxel_mm: {max(found.shape)} voxels along one axis of lens space are too many")
         return found
 
     @cached_property

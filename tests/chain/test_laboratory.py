@@ -15,6 +15,8 @@ from plenopiv.chain import Chain
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError
 from plenopiv.reconstruction.settings import TOMOGRAPHY, ReconstructionSettings
+from plenopiv.reconstruction.tiles import cut
+from plenopiv.run.plan import plan
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
 from plenopiv.volume import VoxelGrid
@@ -127,6 +129,33 @@ def test_voxels_of_lens_space_are_the_laboratory_s():
     quarter = chain_of(turned_by_a_quarter).lens_grid
     np.testing.assert_allclose(quarter.shape, np.array(GRID.shape)[[0, 2, 1]] + 2, atol=1)
     assert chain_of(None).lens_grid is GRID
+
+
+def test_tiles_are_those_of_lens_space():
+    """A volume of the laboratory that is turned has other rows; the light in tiles is that of the whole."""
+    chain = chain_of(turned_by_a_quarter, small=True)
+    rows = chain.lens_grid.shape[1]
+    assert rows != chain.grid.shape[1]
+    at = np.random.default_rng(1).uniform(-0.4, 0.4, (40, 3)) + MIDDLE
+    image = particle_image(SMALL_CAMERA, Particles(turned_by_a_quarter(at), np.full(40, 15_000.0)), rays=2000)
+    whole = chain.in_laboratory(chain.reconstruct([image]).volume)
+    planned = plan(chain)
+    assert planned.tiles == 1
+    in_tiles = chain.with_tiles(cut(rows, 2, chain.projection.passage))
+    parts = in_tiles.in_laboratory(in_tiles.reconstruct([image]).volume)
+    assert parts.values.sum() == pytest.approx(whole.values.sum(), rel=0.05)
+    a, b = (volume.dense().values.ravel() for volume in (whole, parts))
+    assert np.corrcoef(a, b)[0, 1] > 0.9
+
+
+def test_what_a_run_takes_is_of_both_grids():
+    """Reconstruction takes what lens space asks for, correlation what the laboratory does."""
+    chain = chain_of(behind_water)
+    here, there = plan(chain), plan(replace(chain, space=None, grid=chain.lens_grid))
+    assert here.needed.volumes == there.needed.volumes
+    assert here.takes.frame == there.takes.frame
+    assert here.takes.pair > plan(replace(chain, space=None)).takes.pair
+    assert here.needed.layers > plan(replace(chain, space=None)).needed.layers
 
 
 def test_planes_in_focus_are_those_of_the_lens():

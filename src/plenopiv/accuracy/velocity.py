@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from plenopiv.accuracy.truth import true_displacements
 from plenopiv.cameras.coverage import seen_by_every_view_mm
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.errors import PlenoPIVError
 
 if TYPE_CHECKING:
@@ -92,12 +93,14 @@ def score_velocity(
     voxel_mm: tuple[float, float, float],
     window_voxels: tuple[int, int, int] = (64, 64, 16),
     time: int = 0,
+    space: SpaceMap | None = None,
 ) -> Score:
     """Score a velocity field against particles at ``a_mm`` and ``b_mm`` (n, 3) in the two frames.
 
     ``dataset``: dims (time, z, y, x) or (z, y, x), coordinates in mm, u, v, w in m/s; where present u_raw, v_raw,
     w_raw, u_std, v_std, w_std and valid (1 measured, 0 replaced). ``time``: which of its fields. ``window_voxels``:
-    the last interrogation window along x, y, z.
+    the last interrogation window along x, y, z. ``space``: particles and vectors are in the laboratory; bands of depth
+    are the lens' then too.
 
     Vectors are judged where whole windows lie inside the seeded volume (the box of the particles at mid-time) and every
     view sees all of them.
@@ -116,7 +119,7 @@ def score_velocity(
     lo, hi = middle.min(0) + half, middle.max(0) - half
 
     at = _points(field.x.values, field.y.values, field.z.values)
-    chosen = np.flatnonzero(((at >= lo) & (at <= hi)).all(1) & _windows_seen(camera, at, half))
+    chosen = np.flatnonzero(((at >= lo) & (at <= hi)).all(1) & _windows_seen(camera, at, half, space))
     truth = true_displacements(at[chosen], a, b, half)
     known = np.isfinite(truth.window).all(1)
     if not known.any():
@@ -129,7 +132,7 @@ def score_velocity(
         columns = [field[name + suffix].values.astype(np.float64).reshape(-1)[chosen] for name in "uvw"]
         return np.stack(columns, -1) * to_voxels
 
-    depth = np.abs(at[chosen, 2])
+    depth = np.abs((at[chosen] if space is None else space.to_lens(at[chosen]))[:, 2])
     final = values("")
     raw = values("_raw") if "u_raw" in field else None
     has_point = np.isfinite(point).all(1).mean() > POINT_SHARE
@@ -138,7 +141,7 @@ def score_velocity(
     grid = _points(*(np.arange(first, last + 1e-9, step) for first, last, step in zip(lo, hi, half, strict=True)))
     return Score(
         vectors=len(chosen),
-        vectors_at_half_overlap=int(_windows_seen(camera, grid, half).sum()),
+        vectors_at_half_overlap=int(_windows_seen(camera, grid, half, space).sum()),
         particles_per_window=float(truth.particles[known].mean()),
         final=_errors(final, window, depth),
         raw=None if raw is None else _errors(raw, window, depth),
@@ -182,8 +185,14 @@ def _points(x: Array, y: Array, z: Array) -> Array:
     return np.stack([xx, yy, zz], -1).reshape(-1, 3).astype(np.float64)
 
 
-def _windows_seen(camera: PlenopticCamera, at_mm: Array, half_mm: Array) -> NDArray[np.bool_]:
+def _windows_seen(
+    camera: PlenopticCamera, at_mm: Array, half_mm: Array, space: SpaceMap | None = None
+) -> NDArray[np.bool_]:
     """Whether every view sees the whole of the window about each vector, at the vector's depth."""
+    if space is not None:
+        sides = np.diag(half_mm)[:2]  # of its middle plane across
+        corners = [at_mm + a * sides[0] + b * sides[1] for a in (-1, 1) for b in (-1, 1)]
+        return np.all([_windows_seen(camera, space.to_lens(corner), 0 * half_mm) for corner in corners], axis=0)
     x, y = seen_by_every_view_mm(camera, at_mm[:, 2])
     return (np.abs(at_mm[:, 0]) + half_mm[0] <= x) & (np.abs(at_mm[:, 1]) + half_mm[1] <= y)
 

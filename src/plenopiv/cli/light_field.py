@@ -74,11 +74,11 @@ def check(file: Path, every: bool = False) -> Outcome:
         warnings.warn(line, PlenoPIVWarning, stacklevel=2)
     from plenopiv.checks import PairCheck, check, every_pair
     from plenopiv.report.check import check_figure
+    from plenopiv.run import space
 
     with Progress() as progress:
-        found = check(
-            recording, experiment.camera(), experiment.grid(), experiment.correlation.settings(), progress=progress
-        )
+        grid = space.grid_of(experiment, space.space_of(experiment, recording))
+        found = check(recording, experiment.camera(), grid, experiment.correlation.settings(), progress=progress)
         if every:
             pairs = PairCheck(recording.sensor, found.white, found.camera.image_pitch_px, recording.unusable)
             found = replace(found, findings=(*found.findings, *every_pair(recording, pairs, progress)))

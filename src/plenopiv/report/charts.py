@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 FRAMES = 6  # residuals of more are drawn without names
 AXES = {"u": "x", "v": "y", "w": "z"}
 DEPTH = "z (mm), toward the camera"
+LABORATORY = "z (mm)"
 
 
 @rc_context(STYLE)
@@ -84,7 +85,7 @@ def validation_figure(dataset: xarray.Dataset) -> Figure:
         axes.set(title=f"replaced, mean along {along}", xlabel=labels[0], ylabel=labels[1])
         bar(picture, axes, "replaced (%)")
     depth.plot(z, share.mean((1, 2)), "o-", markersize=3, color=ORANGE)
-    depth.set(title="by depth", xlabel=DEPTH)
+    depth.set(title="by depth", xlabel=_depth_of(dataset))
     depth.set_ylabel("replaced (%)", color=ORANGE)
     depth.set_ylim(0, max(1.0, 1.1 * float(share.mean((1, 2)).max())))
     if "peak_ratio" in dataset:
@@ -112,7 +113,7 @@ def uncertainty_figure(dataset: xarray.Dataset) -> Figure:
         spread.hist(np.minimum(finite[name], top), bins, histtype="step", color=colour, label=name, linewidth=1.4)
         depth.plot(dataset["z"].values, _median_by_depth(std[name]), "o-", markersize=3, color=colour, label=name)
     spread.set(title="stated standard deviation", xlabel="m/s (the largest 2 % at the right end)", ylabel="vectors")
-    depth.set(title="median by depth", xlabel=DEPTH, ylabel="standard deviation (m/s)")
+    depth.set(title="median by depth", xlabel=_depth_of(dataset), ylabel="standard deviation (m/s)")
     depth.set_ylim(bottom=0)
     for axes in (spread, depth):
         _open(axes)
@@ -140,6 +141,11 @@ def accuracy_figure(profile: DepthProfile) -> Figure:
         axes.set_ylim(low, high + 0.2 * (high - low))  # room for the legend
         axes.legend(frameon=False, ncols=3, loc="upper center")
     return figure
+
+
+def _depth_of(dataset: xarray.Dataset) -> str:
+    """What a field's z is."""
+    return LABORATORY if dataset.attrs.get("frame") == "laboratory" else DEPTH
 
 
 def _median_by_depth(values: xarray.DataArray) -> NDArray[np.float64]:

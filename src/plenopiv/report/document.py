@@ -31,15 +31,16 @@ PAGE = """<!doctype html>
 </head>
 <body>
 {body}
-<footer>Lengths in mm, velocities in m/s, z = 0 the focal plane, +z toward the camera. Written by PlenoPIV.</footer>
+<footer>Lengths in mm, velocities in m/s, {frame}. Written by PlenoPIV.</footer>
 <script>{script}</script>
 </body>
 </html>
 """
 
 
-def page(title: str, body: str) -> str:
-    """A whole page; ``title`` is plain text, ``body`` is HTML."""
+def page(title: str, body: str, laboratory: bool = False) -> str:
+    """A whole page; ``title`` is plain text, ``body`` is HTML; ``laboratory``: whose x, y, z it shows, else the
+    camera's."""
     style, script = style_sheet(), scripts()
     policy = "; ".join(
         (
@@ -51,7 +52,8 @@ def page(title: str, body: str) -> str:
             "form-action 'none'",
         )
     )
-    return PAGE.format(policy=policy, title=plain(title), style=style, script=script, body=body)
+    frame = "x, y, z of the laboratory" if laboratory else "z = 0 the focal plane, +z toward the camera"
+    return PAGE.format(policy=policy, title=plain(title), style=style, script=script, body=body, frame=frame)
 
 
 @cache

@@ -73,7 +73,7 @@ def write_report(
         _contents(parts),
         *parts,
     ]
-    Path(path).write_text(page(title, "\n".join(body)), encoding="utf-8")
+    Path(path).write_text(page(title, "\n".join(body), dataset.attrs.get("frame") == "laboratory"), encoding="utf-8")
 
 
 def _contents(parts: Sequence[str]) -> str:

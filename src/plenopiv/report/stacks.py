@@ -70,8 +70,9 @@ def volume_stack(volume: Volume) -> Stack:
     return _stack("volume", images, captions, x, y, unit="intensity (counts)", start=len(images) // 2)
 
 
-def light_field_stacks(lightfield: LightField, z_mm: tuple[float, float]) -> tuple[Stack, Stack]:
-    """Sub-aperture views along two diameters of the main lens, and refocusing from ``z_mm[0]`` to ``z_mm[1]``.
+def light_field_stacks(lightfield: LightField, z_mm: tuple[float, float], of_camera: str = "") -> tuple[Stack, Stack]:
+    """Sub-aperture views along two diameters of the main lens, and refocusing from ``z_mm[0]`` to ``z_mm[1]``, which
+    like x and y are the camera's; ``of_camera``: what captions say of that.
 
     Of the middle of the picture, ``LENSES`` microlenses along its longer side, one pixel a microlens.
     """
@@ -87,7 +88,7 @@ def light_field_stacks(lightfield: LightField, z_mm: tuple[float, float]) -> tup
     sharp = [np.nan_to_num(refocused(lightfield, float(z), x, y)) for z in depths]
     return (
         _stack("views", seen, names, *limits, start=len(seen) // 4),
-        _stack("refocus", sharp, [f"z = {_signed(z)} mm" for z in depths], *limits, start=DEPTHS // 2),
+        _stack("refocus", sharp, [f"z = {_signed(z)} mm{of_camera}" for z in depths], *limits, start=DEPTHS // 2),
     )
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from plenopiv.calibration import LatticeFit, find_lattice
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.chain import Chain
 from plenopiv.displacement.solid import Solid
 from plenopiv.experiment import Experiment
@@ -51,10 +52,14 @@ def calibrated_camera(
 
 
 def calibrated_chain(
-    experiment: Experiment, recording: Recording, fit: LatticeFit | None = None, progress: Progress | None = None
+    experiment: Experiment,
+    recording: Recording,
+    fit: LatticeFit | None = None,
+    progress: Progress | None = None,
+    space: SpaceMap | None = None,
 ) -> tuple[Chain, Recording, dict[str, Any]]:
     """The chain of an experiment, shot noise measured on the white image; the recording, with its static light where
-    that was to be estimated from the frames; and what was found in calibration.
+    that was to be estimated from the frames; and what was found in calibration. ``space``: as ``space_of`` gives it.
 
     Raises:
         PlenoPIVError: as ``calibrated_camera`` and ``solid_of``; static light cannot be estimated.
@@ -63,19 +68,23 @@ def calibrated_chain(
     camera, found = calibrated_camera(experiment, recording, fit)
     if recording.background_of_frames:
         recording, found["static_light"] = with_static_light(recording, camera, progress)
-    chain = chain_of(experiment, camera, recording.unusable, solid)
+    chain = chain_of(experiment, camera, recording.unusable, solid, space)
     where, white = chain.layout, recording.white()  # the projection is made now, the layout once
     return (chain if white is None else chain.with_noise(counts_per_electron(decode(white, where)))), recording, found
 
 
 def chain_of(
-    experiment: Experiment, camera: PlenopticCamera, unusable: NDArray[np.bool_] | None, solid: Solid | None
+    experiment: Experiment,
+    camera: PlenopticCamera,
+    unusable: NDArray[np.bool_] | None,
+    solid: Solid | None,
+    space: SpaceMap | None = None,
 ) -> Chain:
     """The chain of an experiment and its calibrated ``camera``, of unknown noise. ``unusable``: pixels (rows, columns)
-    that are no equations; ``solid``: what a body fills."""
+    that are no equations; ``solid``: what a body fills; ``space``: between the laboratory and lens space."""
     reconstruction, correlation = experiment.reconstruction.settings(), experiment.correlation.settings()
     masks = () if unusable is None else (unusable,)
-    return Chain((camera,), experiment.grid(), reconstruction, correlation, unusable=masks, solid=solid)
+    return Chain((camera,), experiment.grid(), reconstruction, correlation, unusable=masks, solid=solid, space=space)
 
 
 def with_static_light(

@@ -83,12 +83,14 @@ def compare(a: str | Path, b: str | Path, progress: Progress | None = None) -> C
     within the region that both cover. One time is in memory at a time.
 
     Raises:
-        PlenoPIVError: a result cannot be read; no time or no region is in both; nothing was measured in both.
+        PlenoPIVError: a result cannot be read; one is of the camera's frame, the other of the laboratory's; no time or
+            no region is in both; nothing was measured in both.
     """
     report = progress or (lambda stage, done, total: None)
     one, other = Result.of(a), Result.of(b)
     with ExitStack() as stack:
         first, second = (stack.enter_context(opened_velocity(result.velocity)) for result in (one, other))
+        _same_frame(one.velocity, first, other.velocity, second)
         pairs = _same_times(one.velocity, first, other.velocity, second)
         overlap = _overlap(one.velocity, first, other.velocity, second)
         differences, shown = Differences(first["z"].values[overlap.z.inside].astype(float)), None
@@ -120,6 +122,19 @@ def compare(a: str | Path, b: str | Path, progress: Progress | None = None) -> C
         Z_EDGES,
         shown,
     )
+
+
+def _same_frame(a: Path, first: xarray.Dataset, b: Path, second: xarray.Dataset) -> None:
+    """Refuse fields that say of themselves that their x, y, z are of different frames.
+
+    Raises:
+        PlenoPIVError: they do.
+    """
+    frames = [field.attrs.get("frame") for field in (first, second)]
+    if None not in frames and frames[0] != frames[1]:
+        raise PlenoPIVError(
+            f"{a} is in the frame of the {frames[0]}, {b} in that of the {frames[1]}: x, y, z are not the same in both"
+        )
 
 
 def _needed(dataset: xarray.Dataset) -> xarray.Dataset:

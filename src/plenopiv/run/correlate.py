@@ -94,7 +94,7 @@ def correlate(
         series = StoredSeries(
             folder, experiment, recording, times, inputs, judgement, calibration, planned, clock, report, before
         )
-        shown = VolumeShown(lambda: kept.volume(recording, recording.pairs[kept.measurable[0]][0]), clock)
+        shown = VolumeShown(chain, lambda: kept.volume(recording, recording.pairs[kept.measurable[0]][0]), clock)
         series.store(fields.measured(job, left, clock, report, shown), len(left))
         summary = series.put_together(shown.of, more={"volumes_of": str(kept.results), **fields.summary})
     return RunResult(summary, directory, (count, count))

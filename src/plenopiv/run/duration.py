@@ -21,6 +21,7 @@ TRACE = 7.7e-10  # s, a pixel in a plane, in dense ray tracing
 VOXEL = 4.5e-7  # s, a voxel: ruled out, listed, or corrected in the first iteration
 EVERY_VOXEL = 1.0e-7  # s, a voxel in one iteration where all are candidates
 WINDOW = 2.0e-8  # s, a voxel of a window in one pass
+RESAMPLED = 6.0e-8  # s, a voxel of the laboratory's grid, in both volumes of a pair
 START = 7.5  # s, calibration, libraries, report with its figures
 
 
@@ -50,12 +51,17 @@ def estimate(
     passes: Iterable[Pass],
     threads: int,
     every_voxel: bool = False,
+    lens: VoxelGrid | None = None,
 ) -> TimeEstimate:
-    """Estimate the time of a run."""
+    """Estimate the time of a run. ``lens``: the grid of lens space, where vectors are measured on another ``grid``."""
+    pair = correlation_s(grid, passes)
+    if lens is not None and lens != grid:
+        pair += RESAMPLED * grid.size
+        grid = lens
     pixels = camera.microlenses * pi * camera.aperture_radius_px**2 * grid.shape[0]  # as often as there are planes
     frame = iterations * READ * pixels + VOXEL * grid.size
     frame += iterations * EVERY_VOXEL * grid.size if every_voxel else TRACE * pixels
-    return TimeEstimate(frame / threads, correlation_s(grid, passes) / threads)
+    return TimeEstimate(frame / threads, pair / threads)
 
 
 def correlation_s(grid: VoxelGrid, passes: Iterable[Pass]) -> float:
@@ -74,6 +80,7 @@ def of_settings(
     reconstruction: ReconstructionSettings,
     correlation: CorrelationSettings,
     threads: int,
+    lens: VoxelGrid | None = None,
 ) -> TimeEstimate:
     """``estimate`` of a run with these settings."""
     return estimate(
@@ -83,6 +90,7 @@ def of_settings(
         passes=correlation.passes,
         threads=threads,
         every_voxel=reconstruction.method == "mart",
+        lens=lens,
     )
 
 

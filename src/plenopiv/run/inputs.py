@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from plenopiv.chain import Chain
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
-from plenopiv.io.manifest import sha256
+from plenopiv.io.manifest import digest_of, sha256
 from plenopiv.io.output import plain
 from plenopiv.recording import ImageSource, Recording
 from plenopiv.run.versions import versions
@@ -55,18 +55,20 @@ def computing_versions() -> dict[str, str]:
 
 
 def with_calibration(inputs: Mapping[str, Any], chain: Chain, recording: Recording) -> dict[str, Any]:
-    """The same, and what calibration made of the images: lattice, shot noise, pixels left out, static light."""
+    """The same, and what calibration made of the images: lattice, shot noise, pixels left out, static light,
+    and the map to the laboratory."""
     return {**inputs, "calibration": calibration_of(chain, recording)}
 
 
 def calibration_of(chain: Chain, recording: Recording) -> dict[str, Any]:
-    """What calibration made of the images, for comparison."""
+    """What calibration made of the images, for comparison; "space" only where x, y, z are the laboratory's."""
     static = recording.static_light
     arrays = [*chain.unusable, *([] if static is None else [static.dark, *(static.pulses or ())])]
     return {
         "cameras": repr(chain.cameras),
         "counts_per_electron": repr(chain.counts_per_electron),
         "images": [None if array is None else of_image(array) for array in arrays],
+        **({} if chain.space is None else {"space": digest_of(repr(chain.space))}),
     }
 
 

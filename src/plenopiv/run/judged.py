@@ -13,11 +13,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from plenopiv.calibration import LatticeFit
+from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.checks import CheckResult, Finding, PairCheck, check, common, explained
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
 from plenopiv.recording import Recording
 from plenopiv.run.frame import Frame, Progress
+from plenopiv.run.space import grid_of
 
 if TYPE_CHECKING:
     import xarray
@@ -120,13 +122,15 @@ class Told:
         return lines
 
 
-def judged(experiment: Experiment, recording: Recording, force: bool, progress: Progress) -> Judgement:
-    """Check a recording before it is measured.
+def judged(
+    experiment: Experiment, recording: Recording, force: bool, progress: Progress, space: SpaceMap | None = None
+) -> Judgement:
+    """Check a recording before it is measured. ``space``: as ``space_of`` gives it.
 
     Raises:
         PlenoPIVError: it is unusable and the run is not forced, or no image can be read.
     """
-    settings = (experiment.camera(), experiment.grid(), experiment.correlation.settings())
+    settings = (experiment.camera(), grid_of(experiment, space), experiment.correlation.settings())
     found = check(recording, *settings, partial(_stage, progress), with_motion=False)
     bad = _unusable(found)
     if len(recording.pairs) > 1 and {finding.name for finding in bad} & OF_FRAMES:

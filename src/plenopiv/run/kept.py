@@ -22,6 +22,7 @@ from plenopiv.io import manifest as manifests
 from plenopiv.io.manifest import Manifest, changes, digest_of, is_whole
 from plenopiv.io.volumes import read_volume
 from plenopiv.recording import Recording
+from plenopiv.run import space
 from plenopiv.run.calibrated import calibrated_camera, chain_of, with_static_light
 from plenopiv.run.frame import Progress
 from plenopiv.run.inputs import COMPUTING, calibrating_files, calibration_of, of_image, stated_inputs
@@ -215,10 +216,11 @@ class KeptVolumes:
         stated, unusable = self.inputs["calibration"], recording.unusable
         if recording.background_of_frames:
             unusable = self._unusable(recording, camera, progress)
-        chain = chain_of(experiment, camera, unusable, solid)
+        chain = chain_of(experiment, camera, unusable, solid, space.space_of(experiment, recording))
         found = calibration_of(chain, recording)
         count = len(chain.unusable) if recording.background_of_frames else len(stated["images"])
-        if [found["cameras"], found["images"][:count]] != [stated["cameras"], stated["images"][:count]]:
+        now, then = ([of["cameras"], of["images"][:count], of.get("space")] for of in (found, stated))
+        if now != then:
             raise PlenoPIVError(
                 f"{self.results}: its files give another calibration now than when it was run; run again with "
                 "--overwrite"

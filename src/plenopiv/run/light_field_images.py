@@ -13,6 +13,7 @@ from plenopiv.experiment import Experiment
 from plenopiv.lightfield import LightField, decode, layout
 from plenopiv.recording import ImageSource, Recording
 from plenopiv.refocusing import image_axes, refocused, sub_aperture
+from plenopiv.run import space
 from plenopiv.run.calibrated import calibrated_camera
 from plenopiv.run.frame import Progress
 
@@ -103,6 +104,8 @@ def focal_stack(
 
 
 def depths(experiment: Experiment) -> list[float]:
-    """Depths in mm spread over the volume."""
+    """Depths in mm, in the camera's frame, spread over the volume."""
     lo, hi = experiment.volume.z_mm
+    if (map_ := space.space_of(experiment, experiment.recording())) is not None:
+        lo, hi = map_.lens_limits(experiment.grid().limits_mm())[2]
     return [float(z) for z in np.linspace(lo, hi, DEPTHS + 2)[1:-1]]

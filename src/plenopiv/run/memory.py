@@ -9,6 +9,7 @@ from math import ceil, floor, pi
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError
+from plenopiv.reconstruction.resampling import TOGETHER
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.reconstruction.tiles import Tile, cut
 from plenopiv.volume import VoxelGrid
@@ -18,6 +19,7 @@ LISTED = 0.36  # share of the voxels that dense ray tracing leaves, in a deep an
 BASE = 260e6  # interpreter, libraries and compiled kernels, bytes
 REPORT = 440e6  # the same with all that draws the report, and what is known of a thousand pairs
 KEPT = 0.1  # of a volume's memory, once MART has left voxels out
+SPREAD = 4.0  # voxels of the laboratory that share the light of one of lens space, where they lie close together
 MOST_TILES = 64
 LAYER = 4.0  # planes for each plane of the deepest windows: of two volumes those in use, the next, and their sources
 HELD = 0.3, 100e6  # share of it, and most of it, that the C library keeps once it is free: large arrays are returned
@@ -71,29 +73,41 @@ class MemoryEstimate:
 
 
 def estimate(
-    camera: PlenopticCamera, grid: VoxelGrid, *, deepest: int = DEEPEST, every_voxel: bool = False
+    camera: PlenopticCamera,
+    grid: VoxelGrid,
+    *,
+    deepest: int = DEEPEST,
+    every_voxel: bool = False,
+    lens: VoxelGrid | None = None,
 ) -> MemoryEstimate:
     """Estimate the peak memory of a run on one pair of frames. ``deepest``: planes of its deepest windows;
-    ``every_voxel``: without dense ray tracing."""
+    ``every_voxel``: without dense ray tracing; ``lens``: the grid of lens space, where vectors are measured on another
+    ``grid``."""
     sensor = camera.sensor
     pixels = sensor.columns * sensor.rows
     lenses = 1.1 * camera.microlenses
     views = pi * (camera.aperture_radius_px + 0.6) ** 2
     layout = lenses * views * 5  # share (float32) and seen (bool)
     frame = lenses * views * 9  # values, their floor-lifted copy and masks
-    listed = (1.0 if every_voxel else LISTED) * grid.size
+    listed = (1.0 if every_voxel else LISTED) * (lens or grid).size
     nz, ny, nx = grid.shape
     layers = LAYER * min(deepest, nz) * 4.0 * ny * nx
     layers += min(HELD[0] * layers, HELD[1])
+    if lens is not None and lens != grid:
+        layers += 2 * SPREAD * KEPT * 8.0 * listed + 4.0 * min(nz, TOGETHER) * ny * nx
     return MemoryEstimate(4.0 * pixels, layout + frame, 8.0 * listed, layers)  # 8 bytes as they are listed
 
 
 def of_settings(
-    camera: PlenopticCamera, grid: VoxelGrid, reconstruction: ReconstructionSettings, correlation: CorrelationSettings
+    camera: PlenopticCamera,
+    grid: VoxelGrid,
+    reconstruction: ReconstructionSettings,
+    correlation: CorrelationSettings,
+    lens: VoxelGrid | None = None,
 ) -> MemoryEstimate:
     """``estimate`` of a run with these settings."""
     deepest = max(window[2] for window in correlation.windows)
-    return estimate(camera, grid, deepest=deepest, every_voxel=reconstruction.method == "mart")
+    return estimate(camera, grid, deepest=deepest, every_voxel=reconstruction.method == "mart", lens=lens)
 
 
 def tiles_within(needed: MemoryEstimate, limit: float, rows: int, passage: int) -> list[Tile]:

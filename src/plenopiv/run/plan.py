@@ -35,10 +35,10 @@ class Plan:
 def plan_between_volumes(chain: Chain) -> Plan:
     """What to measure between volumes that are there takes; a "frame" is then a volume that is read."""
     settings = chain.camera, chain.grid, chain.reconstruction, chain.correlation
-    needed = replace(memory.of_settings(*settings), volumes=0.0)
+    needed = replace(memory.of_settings(*settings, chain.lens_grid), volumes=0.0)
     if not chain.unusable:
         needed = replace(needed, light_field=0.0)
-    pair = duration.of_settings(*settings, numba.get_num_threads()).pair
+    pair = duration.of_settings(*settings, numba.get_num_threads(), chain.lens_grid).pair
     return Plan(chain, needed, TimeEstimate(READ, pair, START))
 
 
@@ -48,14 +48,14 @@ def plan(chain: Chain, memory_gb: float | None = None) -> Plan:
     Raises:
         PlenoPIVError: that does not suffice, in tiles either.
     """
-    rows = chain.grid.shape[1]
+    rows = chain.lens_grid.shape[1]
     settings = chain.camera, chain.grid, chain.reconstruction, chain.correlation
-    needed, tiles = memory.of_settings(*settings), cut(rows, 1, 0)
+    needed, tiles = memory.of_settings(*settings, chain.lens_grid), cut(rows, 1, 0)
     if memory_gb is not None and needed.peak > 1e9 * memory_gb:
         tiles = memory.tiles_within(needed, 1e9 * memory_gb, rows, chain.projection.passage)
         largest = max(tile.high - tile.low for tile in tiles)
         log.info("the volume is reconstructed in %d tiles, the largest of %d of %d rows", len(tiles), largest, rows)
         needed = needed.in_tiles(largest / rows)
-    takes = duration.of_settings(*settings, numba.get_num_threads())
+    takes = duration.of_settings(*settings, numba.get_num_threads(), chain.lens_grid)
     takes = replace(takes, frame=takes.frame * sum(tile.high - tile.low for tile in tiles) / rows)
     return Plan(chain.with_tiles(tiles), needed, takes)

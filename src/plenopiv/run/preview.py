@@ -22,12 +22,14 @@ from numpy.typing import NDArray
 
 from plenopiv.body import read_body
 from plenopiv.cameras.coverage import pixels_that_see, seen_by_every_view_mm
+from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.design.advice import Limits, Window
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.io.output import made_stage, sweep_stages
 from plenopiv.recording import Recording
 from plenopiv.report.figures import png, velocity_figure
+from plenopiv.run import space as of_experiment
 from plenopiv.run.frame import Progress
 from plenopiv.run.series import RunResult, run
 from plenopiv.run.solid import solid_in
@@ -57,7 +59,8 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
     if strange or folder.resolve() == experiment.output_directory.resolve():
         raise PlenoPIVError(f"{folder}: holds something else than a preview; move it, or rename output.directory")
     recording = experiment.recording()
-    part, tables = cropped(experiment)
+    space = of_experiment.space_of(experiment, recording)
+    part, tables = cropped(experiment, space)
     sweep_stages(experiment.folder, STAGE)
     stage, lock = made_stage(experiment.folder, STAGE)
     try:
@@ -68,7 +71,8 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
             tifffile.imwrite(images / name, np.ascontiguousarray(picture))
         tables["recording"] = named | {"dt_s": recording.dt_s, "orientation": "upright"}
         _take_body(experiment, tables, images)
-        result = run(Experiment.from_dict(tables, images / "experiment.toml"), progress, force=True)
+        _take_target(tables)
+        result = run(Experiment.from_dict(tables, images / "experiment.toml"), progress, force=True, space=space)
         (stage / "preview.png").write_bytes(png(velocity_figure(result.velocity)))
         stage.chmod(0o755)  # a temporary folder is its owner's alone
         shutil.rmtree(folder, ignore_errors=True)
@@ -116,28 +120,40 @@ def _take_body(experiment: Experiment, tables: dict[str, Any], folder: Path) -> 
         tables["volume"]["body"] = "body.stl"
 
 
-def cropped(experiment: Experiment) -> tuple[Sensor, dict[str, Any]]:
+def _take_target(tables: dict[str, Any]) -> None:
+    """Name the images of a target, which stay where they are, from the folder of a preview's images."""
+    for plane in tables.get("calibration", {}).get("planes", ()):
+        plane["image"] = str(Path("..", "..", plane["image"]))
+
+
+def cropped(experiment: Experiment, space: SpaceMap | None = None) -> tuple[Sensor, dict[str, Any]]:
     """The part of the sensor that a preview uses, and its experiment's tables, [recording] still that of all.
+    ``space``: the volume is the laboratory's.
 
     Raises:
         PlenoPIVError: the volume leaves out the optical axis or is too small for a window.
     """
     camera, volume = experiment.camera(), experiment.volume
+    whole = (volume.x_mm, volume.y_mm, volume.z_mm)
+    depth = whole[2] if space is None else space.lens_limits(whole)[2]
+    axis = (0.0, 0.0) if space is None else space.to_laboratory([0.0, 0.0, 0.5 * sum(depth)])[:2].tolist()
     last = experiment.correlation.windows[-1]
     sides = [WINDOWS_ACROSS * n * d for n, d in zip(last[:2], volume.voxel_mm[:2], strict=True)]
     wanted = [
-        (max(lo, -side / 2), min(hi, side / 2))
-        for side, (lo, hi) in zip(sides, (volume.x_mm, volume.y_mm), strict=True)
+        (max(lo, at - side / 2), min(hi, at + side / 2)) for side, at, (lo, hi) in zip(sides, axis, whole, strict=False)
     ]
-    if any(not lo < 0 < hi for lo, hi in wanted):
+    if any(not lo < at < hi for at, (lo, hi) in zip(axis, wanted, strict=True)):
         raise PlenoPIVError(f"{experiment.path}: volume leaves out the optical axis, where a preview is taken")
-    half_x, half_y = (max(-lo, hi) for lo, hi in wanted)
-    part = middle(camera.sensor, *pixels_that_see(camera, (half_x, half_y), volume.z_mm))
-    seen = seen_by_every_view_mm(replace(camera, sensor=part), volume.z_mm)
-    limits = [
-        (max(lo, -float(reach.min())), min(hi, float(reach.min())))
-        for (lo, hi), reach in zip(wanted, seen, strict=True)
-    ]
+    across = wanted if space is None else space.lens_limits((wanted[0], wanted[1], whole[2]))[:2]
+    half_x, half_y = (max(-lo, hi) for lo, hi in across)
+    part = middle(camera.sensor, *pixels_that_see(camera, (half_x, half_y), depth))
+    seen = seen_by_every_view_mm(replace(camera, sensor=part), depth)
+    reach_x, reach_y = (float(reach.min()) for reach in seen)
+    if space is None:
+        limits = [(max(lo, -reach), min(hi, reach)) for (lo, hi), reach in zip(wanted, (reach_x, reach_y), strict=True)]
+    else:
+        share = min(max(reach_x, 0.0) / half_x, max(reach_y, 0.0) / half_y, 1.0)
+        limits = [(at + share * (lo - at), at + share * (hi - at)) for at, (lo, hi) in zip(axis, wanted, strict=True)]
     voxel = (WIDER * volume.voxel_mm[0], WIDER * volume.voxel_mm[1], volume.voxel_mm[2])
     if any(hi - lo < SMALLEST * d for (lo, hi), d in zip(limits, voxel[:2], strict=True)):
         raise PlenoPIVError(

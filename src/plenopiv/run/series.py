@@ -15,10 +15,12 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.io.series_folder import SeriesFolder
 from plenopiv.recording import Recording
+from plenopiv.run import space as of_experiment
 from plenopiv.run.calibrated import calibrated_chain
 from plenopiv.run.cluster import on_cluster
 from plenopiv.run.frame import Progress
@@ -72,6 +74,7 @@ def run(
     force: bool = False,
     pairs: tuple[int, int] | None = None,
     workers: Workers | int | None = None,
+    space: SpaceMap | None = None,
 ) -> RunResult:
     """Run the whole chain and write the results folder: velocity.nc, summary.json, experiment.toml, report.html
     and its figures, manifest.jsonl; of several pairs a file each in pairs/.
@@ -83,7 +86,8 @@ def run(
     its field carries ``quality = "forced"``. ``pairs``: the first and last pair to measure, from 0; results are then
     not put together, which a run without it does. ``workers``: so many processes on this machine, or those of a Dask
     scheduler, measure the pairs, with the same bits; ``memory_gb`` is then of all processes on this machine, or of each
-    of a scheduler's workers.
+    of a scheduler's workers. ``space``: the map between the laboratory, whose x, y, z those of the experiment then are,
+    and lens space, where it is known otherwise than from the experiment's calibration.
 
     Raises:
         PlenoPIVError: an input cannot be used, the recording is unusable, memory or disk does not suffice, the folder
@@ -103,10 +107,13 @@ def run(
         folder.begin(inputs)
         pool = until_measured.enter_context(started(workers, limit_of_worker(workers, memory_gb)))
         with clock("check"):
-            judgement = judged(experiment, recording, force, report)
+            space = space or of_experiment.space_of(experiment, recording)
+            judgement = judged(experiment, recording, force, report, space)
         with clock("calibration"):
             stage = partial(report, "static light of the frames")
-            chain, recording, calibration = calibrated_chain(experiment, recording, judgement.lattice, stage)
+            lattice = judgement.lattice
+            chain, recording, calibration = calibrated_chain(experiment, recording, lattice, stage, space)
+        of_experiment.check_view(experiment, chain.camera, space)
         _tell_static_light(calibration)
         inputs = with_calibration(inputs, chain, recording)
         folder.settle(inputs)

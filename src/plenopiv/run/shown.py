@@ -25,12 +25,13 @@ class FirstFrame:
 
     @classmethod
     def of(cls, chain: Chain, frame: Frame, clock: Clock) -> FirstFrame:
-        """Of a frame, while its volume is there."""
-        camera, volume = chain.camera, frame.found.volume
+        """Of a frame, while its volume is there, which is shown in the frame of the vectors."""
+        camera, volume = chain.camera, chain.in_laboratory(frame.found.volume)
+        words = "" if chain.space is None else " of the camera's own frame, in air"
         crops, views = raw_crops(frame.image, camera, frame.name), projections(volume)
         with clock("report"):
             light_field = decode(frame.image, chain.layout)
-            stacks = [volume_stack(volume), *light_field_stacks(light_field, chain.grid.limits_mm()[2])]
+            stacks = [volume_stack(volume), *light_field_stacks(light_field, chain.lens_grid.limits_mm()[2], words)]
         return cls(crops, views, stacks)
 
 
@@ -71,8 +72,8 @@ class Shown:
 class VolumeShown:
     """The same where there are volumes alone: the first frame's, taken while it passes or read again (``volume``)."""
 
-    def __init__(self, volume: Callable[[], SparseVolume], clock: Clock) -> None:
-        self.volume, self.clock = volume, clock
+    def __init__(self, chain: Chain, volume: Callable[[], SparseVolume], clock: Clock) -> None:
+        self.chain, self.volume, self.clock = chain, volume, clock
         self._taken: tuple[int, FirstFrame] | None = None
 
     def see(self, number: int, volume: SparseVolume) -> None:
@@ -89,4 +90,5 @@ class VolumeShown:
 
     def _shown(self, volume: SparseVolume) -> FirstFrame:
         with self.clock("report"):
+            volume = self.chain.in_laboratory(volume)
             return FirstFrame((), projections(volume), [volume_stack(volume)])

@@ -146,7 +146,7 @@ def ask_for_space(folder: SeriesFolder, planned: Plan, pairs: int, volumes: int 
     """
     grid, correlation = planned.chain.grid, planned.chain.correlation
     vectors = prod(window_grid(grid.shape, correlation.windows[-1], correlation.overlap).shape)
-    needed = pairs * vectors * BYTES_A_VECTOR + volumes * BYTES_A_VOXEL * LEAST_KEPT * grid.size
+    needed = pairs * vectors * BYTES_A_VECTOR + volumes * BYTES_A_VOXEL * LEAST_KEPT * planned.chain.lens_grid.size
     free = shutil.disk_usage(folder.work).free
     if needed > free:
         raise PlenoPIVError(

@@ -59,6 +59,7 @@ def summary_of(
         "frames": list(frames),
         **judgement.summary(records),
         "calibration": dict(calibration),
+        "frame": plan.chain.frame,
         "voxels": plan.chain.grid.size,
         "reconstruction": frames,
         "vectors": vectors,
