@@ -26,6 +26,7 @@ ROW_SPACING = {"square": 1.0, "hexagonal": sqrt(3.0) / 2.0}  # in pitches
 CELL_AREA = ROW_SPACING  # area of one cell in pitches squared: one lens per pitch along a row
 
 
+CLOSE_MM = 1e-9  # at which the inverse of a map ends
 STEPS = 8  # of the inverse of a map: each leaves the map's largest gradient, at most some percent, of the last error
 
 
@@ -45,8 +46,11 @@ class LatticeMap:
         """(ds, dt) in mm of centres of the regular lattice at (s, t) in mm."""
         u, v = np.asarray(s_mm, float) / self.unit_mm, np.asarray(t_mm, float) / self.unit_mm
         ds, dt = np.zeros(np.broadcast(u, v).shape), np.zeros(np.broadcast(u, v).shape)
+        of = [(np.ones_like(u), np.ones_like(v))]  # powers by products: NumPy's power takes forty times as long
+        for _ in range(self.degree):
+            of.append((of[-1][0] * u, of[-1][1] * v))
         for (p, q), (a, b) in zip(powers(self.degree), self.coefficients_mm, strict=True):
-            term = u**p * v**q
+            term = of[p][0] * of[q][1]
             ds, dt = ds + a * term, dt + b * term
         return ds, dt
 
@@ -56,7 +60,9 @@ class LatticeMap:
         at = s, t
         for _ in range(STEPS):
             ds, dt = self.displacement(*at)
-            at = s - ds, t - dt
+            before, at = at, (s - ds, t - dt)
+            if max(np.abs(at[0] - before[0]).max(initial=0), np.abs(at[1] - before[1]).max(initial=0)) < CLOSE_MM:
+                break
         return at
 
 
@@ -110,6 +116,15 @@ class Lattice:
             return s, t
         ds, dt = self.map.displacement(s, t)
         return s + ds, t + dt
+
+    def scaled(self, factor: float) -> Lattice:
+        """The same lenses, all ``factor`` times as far from the optical axis."""
+        s, t = self.offset_mm
+        moved = None
+        if self.map is not None:
+            coefficients = tuple((a * factor, b * factor) for a, b in self.map.coefficients_mm)
+            moved = replace(self.map, unit_mm=self.map.unit_mm * factor, coefficients_mm=coefficients)
+        return replace(self, pitch_mm=self.pitch_mm * factor, offset_mm=(s * factor, t * factor), map=moved)
 
     def regular_centres(self, i: ArrayLike, j: ArrayLike) -> tuple[NDArray, NDArray]:
         """``centres`` before ``map`` moves them."""

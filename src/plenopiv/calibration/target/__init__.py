@@ -2,8 +2,9 @@
 
 - ``board``: the target, and one image of it
 - ``find``: bright spots in a refocused picture
-- ``dot_image``: a dot in all views, and its place in lens space
+- ``dot_table``, ``dot_image``: a dot in all views, and its place in lens space
 - ``numbering``: which dot is which
 - ``fit``: the dots of all planes
 - ``optics_fit``: lengths, window, pose and distortion from them
+- ``calibrated``: all of it, with residuals
 """

@@ -33,7 +33,8 @@ Progress = Callable[[int, int], None]
 class Dots:
     """Dots of all planes. ``plane`` (n,): which image; ``number`` (n, 2): along the target's x and y; ``laboratory_mm``
     and ``lens_mm`` (n, 3): where each is; ``std_mm`` (n, 3): of the latter; ``misfit`` (n,): of its image; ``whole``
-    (n,): seen whole. ``aperture_mm``: of the views through which they were measured."""
+    (n,): seen whole. ``aperture_mm``: of the views through which they were measured. ``view_shift_mm`` (planes, views,
+    2): by how much all dots of a plane lie aside in a view, on the microlens plane; NaN in views that are not used."""
 
     plane: NDArray[np.int64]
     number: NDArray[np.int64]
@@ -43,13 +44,14 @@ class Dots:
     misfit: NDArray[np.float64]
     whole: NDArray[np.bool_]
     aperture_mm: float
+    view_shift_mm: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.plane)
 
     def where(self, chosen: NDArray[np.bool_]) -> Dots:
         """Those that are ``chosen`` (n,)."""
-        return Dots(*(getattr(self, name)[chosen] for name in ARRAYS), self.aperture_mm)
+        return Dots(*(getattr(self, name)[chosen] for name in ARRAYS), self.aperture_mm, self.view_shift_mm)
 
 
 def measure_dots(
@@ -100,12 +102,14 @@ def measure_dots(
             again.misfit,
             again.whole,
             views.aperture_mm,
+            again.view_shift_mm[None],
         )
         parts.append(part.where(again.found & (again.std_mm[:, 2] < POOREST_MM)))
         if progress:
             progress(len(images) + n + 1, 2 * len(images))
     together = (np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS)
-    return Dots(*together, parts[0].aperture_mm)
+    shifts = np.concatenate([part.view_shift_mm for part in parts])
+    return Dots(*together, parts[0].aperture_mm, shifts)
 
 
 def _check_planes(images: Sequence[TargetImage]) -> None:

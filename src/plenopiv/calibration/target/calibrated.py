@@ -1,0 +1,157 @@
+"""A camera calibrated with a target: the thin lens that stands for it, its optics, and how far its dots lie off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.calibration.lattice_fit import LatticeFit
+from plenopiv.calibration.target.board import Board, TargetImage
+from plenopiv.calibration.target.fit import Dots, Progress, measure_dots
+from plenopiv.calibration.target.optics_fit import OpticsFit, fit_optics
+from plenopiv.cameras.lens_space import space_map
+from plenopiv.cameras.medium import Medium
+from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
+from plenopiv.cameras.ray_model import RayModel
+from plenopiv.cameras.space_map import SpaceMap
+from plenopiv.errors import PlenoPIVError
+from plenopiv.lightfield import layout
+from plenopiv.volume import Limits
+
+BLOCKS = 3  # of the field along x and along y
+DISAGREES = 8.0  # times the other planes' RMS: a plane so far off was not where it is said to be
+DISAGREES_MM = 0.02
+GROWTH = 0.6, 1.6  # of a micro-image pitch over the microlenses', beyond what the data sheet's lengths say
+
+
+@dataclass(frozen=True)
+class PlaneResidual:
+    """Of one plane: dots found, those seen whole, and RMS and mean (x, y, z), in um, by which the latter lie off in the
+    laboratory when the plane is left out of the fit."""
+
+    image: str
+    z_mm: float
+    dots: int
+    whole: int
+    rms_um: tuple[float, float, float]
+    mean_um: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class TargetCalibration:
+    """``camera``: the thin lens in air of lens space, with the array's lattice. ``model``: the rays of the laboratory.
+    ``values``, ``std``: physical parameters (``optics_fit.NAMES``, ``magnification``). ``planes``: residuals by depth.
+    ``field_um``: RMS (x, y, z) by blocks of the field, rows from +y down, columns from -x. ``views_um``: of the views
+    that were used, pixel offset (m, n) and mean shift (s, t) on the microlens plane."""
+
+    camera: PlenopticCamera
+    model: RayModel
+    values: dict[str, float]
+    std: dict[str, float]
+    planes: tuple[PlaneResidual, ...]
+    field_um: tuple[tuple[tuple[float, float, float], ...], ...]
+    views_um: tuple[tuple[int, int, float, float], ...]
+
+    def space(self, laboratory: Limits) -> SpaceMap:
+        """The map between a volume of the laboratory and lens space."""
+        return space_map(self.model, self.camera, laboratory)
+
+
+def lens_space_camera(camera: PlenopticCamera, fit: LatticeFit, radius_px: float) -> PlenopticCamera:
+    """The thin lens that stands for a camera of which a white image shows the lattice ``fit`` and micro-images of
+    ``radius_px``. ``camera``: as the data sheet says.
+
+    The array's pitch, which lithography gives, is taken from the data sheet; the micro-images' tells how much larger
+    they are apart, f_l over the distance of the plane through whose middle they all look.
+
+    Raises:
+        PlenoPIVError: the pitches do not go together.
+    """
+    growth = fit.image_pitch_px * camera.sensor.pixel_pitch_mm / camera.lattice.pitch_mm - 1
+    low, high = (bound * camera.image_scale for bound in GROWTH)
+    if not low < growth < high:
+        raise PlenoPIVError(
+            f"camera.microlens_array.pitch_mm: micro-images are {1 + growth:.5f} pitches apart, and "
+            f"{1 + camera.image_scale:.5f} were expected: give the array's pitch as its maker states it, to 1e-4"
+        )
+    magnification = camera.main_lens.magnification
+    distance = camera.microlens_focal_length_mm / growth
+    aperture = 2 * radius_px * camera.sensor.pixel_pitch_mm / growth
+    return PlenopticCamera(
+        MainLens(distance / (1 - magnification), aperture, magnification),
+        fit.lattice.scaled((1 + camera.image_scale) / (1 + growth)),
+        camera.microlens_focal_length_mm,
+        camera.sensor,
+    )
+
+
+def calibrate_target(
+    images: Sequence[TargetImage],
+    board: Board,
+    camera: PlenopticCamera,
+    medium: Medium | None = None,
+    counts_per_electron: float = 1.0,
+    unusable: NDArray[np.bool_] | None = None,
+    progress: Progress | None = None,
+) -> TargetCalibration:
+    """The calibration that ``images`` of a target give. ``camera``: as ``lens_space_camera`` gives it. ``medium``: fluid
+    and window, as far as they are known. ``unusable``: pixels (rows, columns) that are no equations.
+
+    Raises:
+        PlenoPIVError: naming the image or the key: there is no target, its planes are out of order, all at one z, or
+            disagree, or its dots do not determine the optics.
+    """
+    where = layout(camera, unusable)
+    dots = measure_dots(images, board, where, counts_per_electron, progress)
+    optics = fit_optics(dots, camera, medium)
+    planes = tuple(_plane(image, n, dots, optics) for n, image in enumerate(images))
+    _check_agreement(planes)
+    shift = 1e3 * np.nanmean(dots.view_shift_mm, 0)
+    views = tuple(
+        (int(m), int(n), float(s), float(t))
+        for (m, n), (s, t) in zip(where.offsets.tolist(), shift.tolist(), strict=True)
+        if np.isfinite(s)
+    )
+    return TargetCalibration(camera, optics.model, optics.values, optics.std, planes, _field(dots, optics), views)
+
+
+def _plane(image: TargetImage, number: int, dots: Dots, optics: OpticsFit) -> PlaneResidual:
+    here = dots.plane == number
+    off = 1e3 * optics.left_out_mm[here & dots.whole]
+    rms, mean = (np.sqrt((off**2).mean(0)), off.mean(0)) if len(off) else (np.full(3, np.nan),) * 2
+    return PlaneResidual(
+        image.name, image.z_mm, int(here.sum()), len(off), (rms[0], rms[1], rms[2]), (mean[0], mean[1], mean[2])
+    )
+
+
+def _field(dots: Dots, optics: OpticsFit) -> tuple[tuple[tuple[float, float, float], ...], ...]:
+    """RMS residual (x, y, z) in um by blocks of the field."""
+    places, out = dots.laboratory_mm[:, :2], []
+    low, high = places.min(0), places.max(0)
+    block = np.clip(((places - low) / (high - low) * BLOCKS).astype(int), 0, BLOCKS - 1)
+    for row in reversed(range(BLOCKS)):
+        line = []
+        for column in range(BLOCKS):
+            off = 1e3 * optics.residual_mm[(block == (column, row)).all(1) & optics.used]
+            rms = np.sqrt((off**2).mean(0)).tolist() if len(off) else [float("nan")] * 3
+            line.append((rms[0], rms[1], rms[2]))
+        out.append(tuple(line))
+    return tuple(out)
+
+
+def _check_agreement(planes: Sequence[PlaneResidual]) -> None:
+    """A plane that is not where the others say it is."""
+    if len(planes) < 4:
+        return
+    off = np.array([abs(plane.mean_um[2]) for plane in planes])
+    worst = int(np.nanargmax(off))
+    others = float(np.nanmedian(np.delete([plane.rms_um[2] for plane in planes], worst)))
+    if off[worst] > max(DISAGREES * others, 1e3 * DISAGREES_MM):
+        plane = planes[worst]
+        raise PlenoPIVError(
+            f"calibration.planes: {plane.image} is said to be at z = {plane.z_mm:g} mm; by the other planes it is at "
+            f"{plane.z_mm + 1e-3 * plane.mean_um[2]:.3f} mm: correct its z_mm, or leave the image out"
+        )
