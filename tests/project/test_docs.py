@@ -10,7 +10,8 @@ from typer.main import get_command
 from plenopiv.cli import app
 from plenopiv.experiment.file import Experiment
 from plenopiv.experiment.messages import tables_of
-from plenopiv.experiment.tables import CorrelationTable, OutputTable, ReconstructionTable, SensorTable, SimulationTable
+from plenopiv.experiment.simulation_tables import SimulationTable
+from plenopiv.experiment.tables import CorrelationTable, OutputTable, ReconstructionTable, SensorTable
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -48,6 +49,8 @@ def test_the_guide_explains_every_key_and_no_other():
 def test_the_guide_s_defaults_are_the_program_s(table):
     rows = key_rows()
     for key, field in DEFAULTS[table].model_fields.items():
+        if f"{table}.{key}" in tables_of(Experiment):
+            continue  # a table of its own
         written = rows[table, key].strip("`")
         if field.is_required():
             assert written == "required", key

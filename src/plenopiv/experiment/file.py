@@ -14,6 +14,8 @@ from plenopiv.cameras.consistency import contradictions, mismatch
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import in_view, messages, text
+from plenopiv.experiment.medium import MediumTable, medium_contradictions
+from plenopiv.experiment.simulation_tables import SimulationTable
 from plenopiv.experiment.tables import (
     CalibrationTable,
     CameraTable,
@@ -21,7 +23,6 @@ from plenopiv.experiment.tables import (
     OutputTable,
     ReconstructionTable,
     RecordingTable,
-    SimulationTable,
     Table,
     VolumeTable,
 )
@@ -41,6 +42,7 @@ class Experiment(Table):
 
     camera_table: CameraTable = Field(alias="camera")
     calibration: CalibrationTable | None = None
+    medium: MediumTable | None = None
     recording_table: RecordingTable = Field(alias="recording")
     volume: VolumeTable
     reconstruction: ReconstructionTable = ReconstructionTable()
@@ -107,14 +109,20 @@ class Experiment(Table):
 
     def _volume_contradictions(self) -> list[str]:
         limits = (self.volume.x_mm, self.volume.y_mm, self.volume.z_mm)
-        camera, of_camera = self.camera(), self.calibration is None  # else limits are a target's
-        if of_camera and (lines := in_view.behind_lens(self.volume, camera)):
+        camera = self.camera()
+        of_camera = self.calibration is None  # else limits are a target's
+        if self.medium is not None:
+            lens_z = camera.main_lens.object_distance_mm
+            if lines := medium_contradictions(self.medium, lens_z, limits if of_camera else None):
+                return lines
+        as_in_air = of_camera and self.medium is None
+        if as_in_air and (lines := in_view.behind_lens(self.volume, camera)):
             return lines
         sides = [max((hi - lo) / voxel, 1.0) for (lo, hi), voxel in zip(limits, self.volume.voxel_mm, strict=True)]
         if prod(sides) > LARGEST_VOLUME or max(sides) > LARGEST_SIDE:
             counts = " x ".join(f"{side:.5g}" for side in sides)
             return [f"volume.voxel_mm: {counts} voxels are too many; are all lengths in mm?"]
-        if of_camera and (lines := in_view.unseen(self.volume, camera)):
+        if as_in_air and (lines := in_view.unseen(self.volume, camera)):
             return lines
         nz, ny, nx = self.grid().shape
         try:
@@ -193,7 +201,7 @@ class Experiment(Table):
                 "calibration: images of a target are not used yet: x, y, z are those of a thin lens in air, not the "
                 "target's; behind a window, in water, z and w come out too small by the refractive index"
             )
-        else:
+        elif self.medium is None:
             lines += in_view.warnings(self.volume, self.correlation, camera)
         return lines
 

@@ -324,27 +324,3 @@ class OutputTable(Table):
     directory: FileName = "results"
     volumes: bool = False
     gradients: bool = False
-
-
-class SimulationTable(Table):
-    """``[simulation]``: flow and light of a synthetic recording. Read by ``plenopiv simulate`` alone, never by a run.
-
-    ``flow`` and its ``parameters`` are those of ``simulation.flows``; light and seeding are explained in
-    ``simulation.simulated_recording.Seeding``, noise in ``simulation.sensor_noise.SensorNoise``. The lattice lies where
-    [camera.microlens_array] says, the seeded box is [volume] and ``margin_mm`` around it.
-    """
-
-    flow: str
-    parameters: dict[str, Any] = {}
-    particles_per_microlens: PositiveFloat = 1.0
-    electrons_per_pixel: PositiveFloat = 400.0
-    electrons_spread: NotNegative = 0.25
-    diameter_mm: NotNegative = 0.0
-    margin_mm: Annotated[tuple[NotNegative, NotNegative, NotNegative], Field(strict=False)] | None = None
-    gain: PositiveFloat = 0.5
-    read_noise_electrons: NotNegative = 3.0
-    shot_noise: bool = True
-    diffraction: bool = False
-    wavelength_nm: PositiveFloat = 532.0
-    rays: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
