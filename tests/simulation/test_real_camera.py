@@ -12,7 +12,7 @@ from plenopiv.sensor import Sensor
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.real_camera import Medium, Pose, RealCamera
-from plenopiv.simulation.real_images import real_particle_image, traced
+from plenopiv.simulation.real_images import real_particle_image, sight_lines, traced
 
 AIR = PlenopticCamera(
     MainLens(50.0, 25.0, -0.8), Lattice("hexagonal", 0.077, 0.005, (0.02, -0.01)), 0.308, Sensor(300, 240, 0.0055, 12)
@@ -192,6 +192,19 @@ def test_light_is_what_stop_and_rim_let_through():
     lens = traced(TANK, (0.0, 0.0, 0.0), (9.0, 0.0))
     at_lens = (lens.st_mm - TANK.image_distance_mm * lens.slopes)[0, 0]
     assert share == pytest.approx((9.0 / at_lens * 9.0 / 11.0) ** 2, abs=2e-3)
+
+
+def test_lines_of_sight_are_rays_the_other_way():
+    camera = replace(
+        TANK,
+        distortion=0.02,
+        medium=replace(WATER, window_tilt_deg=(2.0, -3.0)),
+        pose=Pose(3.0, (0.2, 0.1, 0.5), (1.0, 2.0)),
+    )
+    for at in (camera, replace(camera, stop_mm=-8.0), replace(camera, medium=None)):
+        point, direction = sight_lines(at, (0.3, -0.4), pupil(radius=8.0))
+        met = point + direction * ((1.5 - point[:, 2]) / direction[:, 2])[:, None]
+        assert traced(at, met, pupil(radius=8.0)).st_mm == pytest.approx(np.tile([0.3, -0.4], (40, 1)), abs=1e-11)
 
 
 def test_what_no_camera_is():

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from plenopiv.cli.progress import Progress
 from plenopiv.cli.terminal import command_line
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.simulation.flows import flow
+from plenopiv.simulation.real_camera import Medium, Pose, RealCamera
+from plenopiv.simulation.real_recording import Extras, TargetPlanes, simulate_real_recording
 from plenopiv.simulation.sensor_noise import SensorNoise
 from plenopiv.simulation.simulated_recording import Seeding, SimulatedRecording, simulate_recording
+from plenopiv.simulation.targets import CutDot, DotTarget
 
 
 def simulate(file: Path, folder: Path, overwrite: bool) -> str:
@@ -48,28 +52,71 @@ def recorded(experiment: Experiment, folder: Path, overwrite: bool) -> Simulated
         velocity = flow(wanted.flow, **parameters)
     except (PlenoPIVError, TypeError) as error:
         raise PlenoPIVError(f"{experiment.path}: simulation.{error}") from None
+    seeding = Seeding(
+        particles_per_microlens=wanted.particles_per_microlens,
+        electrons_per_pixel=wanted.electrons_per_pixel,
+        electrons_spread=wanted.electrons_spread,
+        diameter_mm=wanted.diameter_mm,
+        margin_mm=wanted.margin_mm,
+    )
     with Progress() as progress:
-        return simulate_recording(
-            folder,
-            experiment.camera(),
-            velocity,
-            dt_s=experiment.recording_table.dt_s,
-            volume_mm=(volume.x_mm, volume.y_mm, volume.z_mm),
-            seeding=Seeding(
-                particles_per_microlens=wanted.particles_per_microlens,
-                electrons_per_pixel=wanted.electrons_per_pixel,
-                electrons_spread=wanted.electrons_spread,
-                diameter_mm=wanted.diameter_mm,
-                margin_mm=wanted.margin_mm,
-            ),
-            noise=SensorNoise(wanted.gain, wanted.read_noise_electrons, wanted.shot_noise),
-            orientation=experiment.recording_table.orientation,
-            wavelength_nm=wanted.wavelength_nm,
-            diffraction=wanted.diffraction,
-            rays=wanted.rays,
-            voxel_mm=volume.voxel_mm,
-            windows=experiment.correlation.windows,
-            seed=wanted.seed,
-            overwrite=overwrite,
-            progress=partial(progress, "tracing particles"),
-        )
+        settings: dict[str, Any] = {
+            "dt_s": experiment.recording_table.dt_s,
+            "volume_mm": (volume.x_mm, volume.y_mm, volume.z_mm),
+            "seeding": seeding,
+            "noise": SensorNoise(wanted.gain, wanted.read_noise_electrons, wanted.shot_noise),
+            "orientation": experiment.recording_table.orientation,
+            "wavelength_nm": wanted.wavelength_nm,
+            "diffraction": wanted.diffraction,
+            "rays": wanted.rays,
+            "voxel_mm": volume.voxel_mm,
+            "windows": experiment.correlation.windows,
+            "seed": wanted.seed,
+            "overwrite": overwrite,
+            "progress": partial(progress, "tracing particles"),
+        }
+        if not _is_real(experiment):
+            return simulate_recording(folder, experiment.camera(), velocity, **settings)
+        extras = Extras(_targets(experiment), dark=wanted.dark)
+        try:
+            made = simulate_real_recording(
+                folder, real_camera(experiment), velocity, sheet=experiment.camera(), extras=extras, **settings
+            )
+        except PlenoPIVError as error:
+            raise PlenoPIVError(f"{experiment.path}: {error}") from None
+        return SimulatedRecording(made.directory, *made.pairs[0], made.images)
+
+
+def _is_real(experiment: Experiment) -> bool:
+    """Whether the file asks for more than a thin lens in air."""
+    wanted = experiment.simulation
+    assert wanted is not None
+    asked = (experiment.medium, experiment.calibration, wanted.optics, wanted.pose, wanted.target, wanted.dark or None)
+    return any(table is not None for table in asked)
+
+
+def real_camera(experiment: Experiment) -> RealCamera:
+    """The camera of a file with all that [medium] and the tables of [simulation] say of it.
+
+    Raises:
+        PlenoPIVError: they do not go together.
+    """
+    wanted, medium = experiment.simulation, experiment.medium
+    optics = {} if wanted is None or wanted.optics is None else wanted.optics.model_dump()
+    pose = {} if wanted is None or wanted.pose is None else wanted.pose.model_dump()
+    known = None if medium is None else Medium(**medium.model_dump())
+    return RealCamera.of(experiment.camera(), **optics, medium=known, pose=Pose(**pose))
+
+
+def _targets(experiment: Experiment) -> TargetPlanes | None:
+    """The target of [calibration], with what [simulation.target] adds, at its planes."""
+    table, wanted = experiment.calibration, experiment.simulation
+    if table is None:
+        return None
+    more = {} if wanted is None or wanted.target is None else wanted.target.model_dump()
+    light = {"electrons_per_pixel": more.pop("electrons_per_pixel")} if more else {}
+    cut = tuple(CutDot(**dot) for dot in more.pop("cut", ()))
+    sizes = table.model_dump(include={"pitch_mm", "dot_mm", "origin_dot_mm", "x_dot_mm"})
+    names = tuple(plane.image for plane in table.planes)
+    z_mm = tuple(plane.z_mm for plane in table.planes)
+    return TargetPlanes(DotTarget(**sizes, **more, cut=cut), z_mm, names=names, **light)

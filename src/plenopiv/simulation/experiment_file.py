@@ -32,10 +32,10 @@ rows = {rows}
 pixel_pitch_mm = {pixel_pitch}
 bit_depth = {bit_depth}
 black_level = {black_level}
-
+{tables}
 [recording]
 white = "white.tif"            # where the microlenses are
-frames = ["a.tif", "b.tif"]    # a list, or a glob such as "run7/*.tif"
+{images}
 dt_s = {dt}
 orientation = "{orientation}"        # "upright": columns grow with +x, rows with -y; "sensor": turned by 180 degrees
 
@@ -57,6 +57,7 @@ overlap = 0.5
 [output]
 directory = "results\""""
 
+FRAMES = 'frames = ["a.tif", "b.tif"]    # a list, or a glob such as "run7/*.tif"'
 UNSEEN = 'unseen = "empty"               # corners that no view sees\n'
 
 
@@ -83,8 +84,16 @@ def experiment_toml(
     volume_mm: Limits,
     voxel_mm: tuple[float, float, float],
     windows: tuple[tuple[int, int, int], ...],
+    *,
+    tables: str = "",
+    images: str = FRAMES,
+    seen_mm: Limits | None = None,
 ) -> str:
-    """The text of the file; limits and voxels in mm, windows in voxels along x, y, z."""
+    """The text of the file; limits and voxels in mm, windows in voxels along x, y, z.
+
+    ``tables``: those of [medium] and [calibration], as text; ``images``: lines of [recording] that name frames and
+    other images; ``seen_mm``: the volume as a thin lens in air sees it, where that is another one.
+    """
     lens, sensor = camera.main_lens, camera.sensor
     return TEMPLATE.format(
         focal_length=float(lens.focal_length_mm),
@@ -104,6 +113,8 @@ def experiment_toml(
         y=_floats(volume_mm[1]),
         z=_floats(volume_mm[2]),
         voxel=_floats(voxel_mm),
-        unseen=UNSEEN if coverage(camera, volume_mm).no_view else "",
+        tables=tables,
+        images=images,
+        unseen=UNSEEN if coverage(camera, seen_mm or volume_mm).no_view else "",
         windows=[list(map(int, w)) for w in windows],
     )

@@ -49,6 +49,20 @@ def traced(camera: RealCamera, points_mm: ArrayLike, stop_mm: ArrayLike) -> Rays
     return Rays(out[:, :2], out[:, 2:4], out[:, 4:])
 
 
+def sight_lines(camera: RealCamera, st_mm: ArrayLike, stop_mm: ArrayLike) -> tuple[NDArray, NDArray]:
+    """The lines in the fluid, points and directions (n, 3) of the laboratory, that reach (s, t) (n, 2) on the microlens
+    plane through places (n, 2) in the aperture stop; NaN where the rim is in their way."""
+    st, stop = np.atleast_2d(np.asarray(st_mm, float)), np.atleast_2d(np.asarray(stop_mm, float))
+    n = max(len(st), len(stop))
+    pupil = np.broadcast_to(stop * (camera.entrance_pupil_mm[1] / camera.stop_radius_mm), (n, 2))
+    out = np.empty((n, 6))
+    in_threads(
+        real_kernels.trace_back, n, camera.constants,
+        np.ascontiguousarray(np.broadcast_to(st, (n, 2))), np.ascontiguousarray(pupil), out,
+    )  # fmt: skip
+    return camera.pose.to_laboratory(out[:, :3]), out[:, 3:] @ camera.pose.axes
+
+
 def real_particle_image(
     camera: RealCamera,
     particles: Particles,
@@ -107,7 +121,7 @@ def target_image(
     electrons_per_pixel: float = 3000.0,
     *,
     diffraction_nm: float | None = None,
-    samples: int = 4 * SAMPLES,
+    samples: int = 2 * SAMPLES,
     seed: int = 0,
 ) -> NDArray[np.float64]:
     """A target at ``z_mm`` in the laboratory: ``electrons_per_pixel`` in a pixel that sees nothing but a dot.

@@ -212,6 +212,26 @@ def trace_rays(
             out[k] = np.nan
 
 
+@plain_kernel
+def trace_back(
+    begin: int, end: int, cam: Constants, st: NDArray[np.float64], pupil: NDArray[np.float64], out: NDArray[np.float64]
+) -> None:  # fmt: skip
+    """Rays that reach ``st`` (n, 2) through ``pupil`` (n, 2): a point in the fluid and the direction per unit of z into
+    ``out`` (n, 6). NaN for rays that the rim keeps away."""
+    bent = 1.0 + cam.entrance * (1.0 / cam.image - 1.0 / cam.focal)
+    for k in range(begin, end):
+        qx, qy = pupil[k, 0], pupil[k, 1]
+        s, t = undistorted(cam, st[k, 0], st[k, 1])
+        # s = u + image (m - u/focal), q = u - entrance m
+        u = (qx + cam.entrance * s / cam.image) / bent
+        v = (qy + cam.entrance * t / cam.image) / bent
+        mx, my = (s - u) / cam.image + u / cam.focal, (t - v) / cam.image + v / cam.focal
+        if u * u + v * v > cam.rim * cam.rim:
+            out[k] = np.nan
+        else:
+            out[k] = back_into_fluid(cam, qx, qy, mx, my)
+
+
 @plain_part
 def pixel_of(cam: Constants, s: float, t: float) -> tuple[int, int]:
     """Column and row of the upright image that hold a point of the sensor."""

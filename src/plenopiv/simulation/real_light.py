@@ -79,6 +79,12 @@ def trace_particles(
 
 
 @plain_part
+def within_one(x: float) -> float:
+    """The part of a number behind its point."""
+    return x - floor(x)
+
+
+@plain_part
 def _along(x: float, y: float, z: float, plane: NDArray[np.float64], first: int) -> float:
     """Component of a vector along the axis that begins at ``first``."""
     return x * plane[first] + y * plane[first + 1] + z * plane[first + 2]
@@ -155,9 +161,9 @@ def trace_pixels(
                     if (middle_s - image_s) ** 2 + (middle_t - image_t) ** 2 > far * far:
                         continue
                     for k in range(samples):
-                        hit_s = middle_s + cam.pixel * ((d0 + k * STEPS[0]) % 1.0 - 0.5)
-                        hit_t = middle_t + cam.pixel * ((d1 + k * STEPS[1]) % 1.0 - 0.5)
-                        cell_s, cell_t = cell_offset(cam, (d2 + k * STEPS[2]) % 1.0, (d3 + k * STEPS[3]) % 1.0)
+                        hit_s = middle_s + cam.pixel * (within_one(d0 + k * STEPS[0]) - 0.5)
+                        hit_t = middle_t + cam.pixel * (within_one(d1 + k * STEPS[1]) - 0.5)
+                        cell_s, cell_t = cell_offset(cam, within_one(d2 + k * STEPS[2]), within_one(d3 + k * STEPS[3]))
                         s, t = lens_s + cell_s, lens_t + cell_t
                         ms, mt = (hit_s - s) / gap + cell_s / cam.gap, (hit_t - t) / gap + cell_t / cam.gap
                         qx, qy, mx, my = back_to_pupil(cam, s, t, ms, mt)

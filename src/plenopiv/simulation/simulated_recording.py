@@ -140,12 +140,7 @@ def simulate_recording(
     recording and ``overwrite`` is not set, and for settings out of range.
     """
     out = Path(directory)
-    if (out / COMPLETE).exists() and not overwrite:
-        raise PlenoPIVError(f"{out}: holds a recording already, choose another folder or pass --overwrite")
-    if not dt_s > 0:
-        raise PlenoPIVError(f"simulation: dt_s = {dt_s}, give the time between frames in seconds")
-    if seed < 0:
-        raise PlenoPIVError(f"simulation: seed = {seed}, give 0 or a positive whole number")
+    check_settings(out, dt_s, seed, overwrite)
     seeding, noise, white = seeding or Seeding(), noise or SensorNoise(), white or WhiteLight()
     # one stream for each purpose: changing the noise leaves the particles where they are
     seeding_rng, *noise_rngs = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4))
@@ -163,7 +158,7 @@ def simulate_recording(
             rays=rays,
             seed=2 * seed + k,
             diffraction_nm=diffraction_nm,
-            progress=_counted(progress, k * len(a.electrons), total),
+            progress=counted(progress, k * len(a.electrons), total),
         )
         light += seeding.background_electrons
         images[name] = digitise(light, camera.sensor, noise, noise_rngs[1 + k], orientation)
@@ -184,23 +179,34 @@ def simulate_recording(
     }
     texts = {
         "optics.json": json.dumps(
-            _optics(camera, orientation, dt_s, wavelength_nm, seeding.particles_per_microlens, volume_mm), indent=2
+            optics_sheet(camera, orientation, dt_s, wavelength_nm, seeding.particles_per_microlens, volume_mm), indent=2
         ),
         "truth.json": json.dumps(truth, indent=2),
         COMPLETE: experiment_toml(camera, orientation, dt_s, volume_mm, voxel_mm or default_voxel_mm(camera), windows),
     }
-    _write(out, images, a, b, texts)
+    write_folder(out, images, {"truth_particles": (a, b)}, texts)
     return SimulatedRecording(out, a, b, images)
 
 
-def _counted(progress: Progress | None, before: int, total: int) -> Callable[[int, int], None] | None:
+def check_settings(out: Path, dt_s: float, seed: int, overwrite: bool) -> None:
+    """Raise PlenoPIVError for a folder that holds a recording already, and for settings out of range."""
+    if (out / COMPLETE).exists() and not overwrite:
+        raise PlenoPIVError(f"{out}: holds a recording already, choose another folder or pass --overwrite")
+    if not dt_s > 0:
+        raise PlenoPIVError(f"simulation: dt_s = {dt_s}, give the time between frames in seconds")
+    if seed < 0:
+        raise PlenoPIVError(f"simulation: seed = {seed}, give 0 or a positive whole number")
+
+
+def counted(progress: Progress | None, before: int, total: int) -> Callable[[int, int], None] | None:
     """Progress over one frame as progress over both."""
     return None if progress is None else lambda done, _: progress(before + done, total)
 
 
-def _optics(
+def optics_sheet(
     camera: PlenopticCamera, orientation: Orientation, dt_s: float, wavelength_nm: float, ppm: float, volume_mm: Limits
 ) -> dict[str, Any]:
+    """What a user knows of the camera, the recording and its seeding, for ``optics.json``."""
     lens, sensor = camera.main_lens, camera.sensor
     return {
         "main_lens": {
@@ -227,8 +233,17 @@ def _optics(
     }
 
 
-def _write(out: Path, images: dict[str, NDArray[np.uint16]], a: Particles, b: Particles, texts: dict[str, str]) -> None:
-    """Write every file aside, then rename them, the one that says "complete" last."""
+def write_folder(
+    out: Path,
+    images: dict[str, NDArray[np.uint16]],
+    truth: dict[str, tuple[Particles, Particles]],
+    texts: dict[str, str],
+) -> None:
+    """Write every file aside, then rename them, the one that says "complete" last.
+
+    ``images`` by name, without ``.tif``; ``truth``: particles at two instants, by name, without ``.npz``; ``texts`` by
+    file name.
+    """
     out.mkdir(parents=True, exist_ok=True)
     parts: list[tuple[Path, Path]] = []
 
@@ -238,8 +253,9 @@ def _write(out: Path, images: dict[str, NDArray[np.uint16]], a: Particles, b: Pa
 
     for name, image in images.items():
         tifffile.imwrite(aside(f"{name}.tif"), image, compression="adobe_deflate", predictor=True)
-    with open(aside("truth_particles.npz"), "wb") as f:
-        np.savez_compressed(f, a=a.position_mm.astype(np.float32), b=b.position_mm.astype(np.float32))
+    for name, (a, b) in truth.items():
+        with open(aside(f"{name}.npz"), "wb") as f:
+            np.savez_compressed(f, a=a.position_mm.astype(np.float32), b=b.position_mm.astype(np.float32))
     for name in sorted(texts, key=lambda n: n == COMPLETE):
         aside(name).write_text(texts[name] + "\n")
     (out / COMPLETE).unlink(missing_ok=True)
