@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
-from plenopiv.simulation.real_camera import Medium, Pose, RealCamera
+from plenopiv.simulation.real_camera import Pose, RealCamera
 from plenopiv.simulation.real_images import real_particle_image, sight_lines, traced
 
 AIR = PlenopticCamera(
@@ -60,7 +61,7 @@ def test_a_ray_followed_through_the_window_by_hand(tilt, slopes):
     start = np.array([0.3, -0.5, -2.0])
     point, direction = start, np.array([*slopes, 1.0]) / np.hypot(1.0, np.hypot(*slopes))
     for distance, n_from, n_to in ((0.0, 1.333, 1.52), (10.0, 1.52, 1.0)):
-        face = np.array([0.0, 0.0, 40.0]) + distance * normal
+        face = np.array([0.0, 0.0, 40.0 + distance / normal[2]])
         point = point + direction * ((face - point) @ normal) / (direction @ normal)
         direction = refracted(direction, normal, n_from, n_to)
     slope = direction[:2] / direction[2]
@@ -214,7 +215,7 @@ def test_what_no_camera_is():
         traced(TANK, (0.0, 0.0, 41.0), (0.0, 0.0))
     with pytest.raises(PlenoPIVError, match="not in front of the camera"):
         traced(THIN, (0.0, 0.0, 113.0), (0.0, 0.0))
-    with pytest.raises(PlenoPIVError, match="none is below 1"):
-        Medium(0.9, 10.0)
+    with pytest.raises(PlenoPIVError, match="no fluid behind a window"):
+        replace(THIN, medium=Medium(0.9, 10.0))
     with pytest.raises(PlenoPIVError, match="behind the lens"):
         replace(THIN, stop_mm=-60.0)

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.particles import Particles
-from plenopiv.simulation.real_camera import Medium, Pose, RealCamera
+from plenopiv.simulation.real_camera import Pose, RealCamera
 from plenopiv.simulation.real_images import lit_pixels, real_particle_image, real_white_image, target_image
 from plenopiv.simulation.targets import CutDot, DotTarget
 from plenopiv.simulation.white import white_image

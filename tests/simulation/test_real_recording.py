@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import tifffile
 
+from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
@@ -14,7 +15,7 @@ from plenopiv.experiment import Experiment
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import Uniform
-from plenopiv.simulation.real_camera import Medium, Pose, RealCamera
+from plenopiv.simulation.real_camera import Pose, RealCamera
 from plenopiv.simulation.real_recording import Extras, TargetPlanes, data_sheet, simulate_real_recording
 from plenopiv.simulation.simulated_recording import Seeding
 from plenopiv.simulation.targets import DotTarget

@@ -11,7 +11,7 @@ from plenopiv.cli.terminal import command_line
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.simulation.flows import flow
-from plenopiv.simulation.real_camera import Medium, Pose, RealCamera
+from plenopiv.simulation.real_camera import Pose, RealCamera
 from plenopiv.simulation.real_recording import Extras, TargetPlanes, simulate_real_recording
 from plenopiv.simulation.sensor_noise import SensorNoise
 from plenopiv.simulation.simulated_recording import Seeding, SimulatedRecording, simulate_recording
@@ -104,7 +104,7 @@ def real_camera(experiment: Experiment) -> RealCamera:
     wanted, medium = experiment.simulation, experiment.medium
     optics = {} if wanted is None or wanted.optics is None else wanted.optics.model_dump()
     pose = {} if wanted is None or wanted.pose is None else wanted.pose.model_dump()
-    known = None if medium is None else Medium(**medium.model_dump())
+    known = None if medium is None else medium.medium()
     return RealCamera.of(experiment.camera(), **optics, medium=known, pose=Pose(**pose))
 
 

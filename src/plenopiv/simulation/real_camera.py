@@ -12,48 +12,12 @@ from math import cos, hypot, inf, radians, sin
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.real_kernels import Constants
-
-CROWN_GLASS = 1.52
-
-
-@dataclass(frozen=True)
-class Medium:
-    """A fluid behind a plane window.
-
-    ``fluid_mm`` from z = 0 to the window's inner face, on the axis; ``window_mm`` across the window. The window is
-    turned by ``window_tilt_deg`` right-handed about x, then about y, about the point where the axis meets its inner
-    face: +1 degree about y brings its side at +x nearer to z = 0.
-    """
-
-    refractive_index: float
-    fluid_mm: float
-    window_mm: float = 0.0
-    window_refractive_index: float = CROWN_GLASS
-    window_tilt_deg: tuple[float, float] = (0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        if min(self.refractive_index, self.window_refractive_index) < 1:
-            raise PlenoPIVError(
-                f"medium: refractive indices {self.refractive_index:g} and {self.window_refractive_index:g}; "
-                "none is below 1, that of air"
-            )
-        if not self.fluid_mm > 0 or not self.window_mm >= 0:
-            raise PlenoPIVError(f"medium: {self.fluid_mm:g} mm of fluid and {self.window_mm:g} of window; give some")
-
-    @property
-    def optical_mm(self) -> float:
-        """The way in air that brings a point as near: fluid/n + window/n_g, to first order."""
-        return self.fluid_mm / self.refractive_index + self.window_mm / self.window_refractive_index
-
-    @property
-    def normal(self) -> NDArray[np.float64]:
-        """Unit normal of the window, toward the camera."""
-        return _turned(*self.window_tilt_deg, 0.0)[:, 2]
 
 
 @dataclass(frozen=True)
@@ -88,7 +52,8 @@ class RealCamera:
     is further off the axis in the sensor's corner; it grows with the square of the distance. ``gap_tilt``: by what
     share of the microlenses' focal length the gap behind them grows over the length of the sensor's diagonal, along
     ``gap_tilt_direction_deg`` in (s, t). ``aspect``: by what share rows of microlenses are further apart than their
-    pitch would have it.
+    pitch would have it. ``medium``: in the camera's frame; its window is turned about x, then about y, about the point
+    where the axis meets its inner face: +1 degree about y brings its side at +x nearer to z = 0.
     """
 
     focal_length_mm: float
@@ -116,8 +81,12 @@ class RealCamera:
             raise PlenoPIVError(f"camera: a stop {-self.stop_mm:g} mm behind the lens images nothing")
         if abs(self.distortion) > 0.2 or abs(self.gap_tilt) > 1 or abs(self.aspect) > 0.5:
             raise PlenoPIVError("camera: distortion, gap_tilt and aspect are shares; these are too large for a camera")
+        if self.medium is not None:
+            n, glass = self.medium.refractive_index, self.medium.window_refractive_index
+            if min(n, glass) < 1 or self.medium.fluid_mm <= 0 or self.medium.window_mm < 0:
+                raise PlenoPIVError(f"medium: {self.medium} is no fluid behind a window")
         if self.air_mm <= max(self.stop_mm, 0.0):
-            optical = 0.0 if self.medium is None else self.medium.optical_mm
+            optical = self.object_distance_mm - self.air_mm
             raise PlenoPIVError(
                 f"medium: fluid and window take {optical:.6g} mm of the {self.object_distance_mm:.6g} mm between focus "
                 f"and lens, and leave no air in front of the stop; reduce fluid_mm or window_mm"
@@ -145,14 +114,28 @@ class RealCamera:
 
     @property
     def air_mm(self) -> float:
-        """Air between window (without a medium: the plane in focus) and lens, on the axis."""
-        return self.object_distance_mm - (0.0 if self.medium is None else self.medium.optical_mm)
+        """Air between window (without a medium: the plane in focus) and lens, on the axis, such that z = 0 is in focus:
+        to first order fluid and window bring a point nearer by their refractive indices."""
+        if self.medium is None:
+            return self.object_distance_mm
+        optical = self.medium.fluid_mm / self.medium.refractive_index
+        return self.object_distance_mm - optical - self._window_mm / self.medium.window_refractive_index
+
+    @property
+    def _normal(self) -> NDArray[np.float64]:
+        """Unit normal of the window, toward the camera."""
+        return np.array([0.0, 0.0, 1.0]) if self.medium is None else _turned(*self.medium.window_tilt_deg, 0.0)[:, 2]
+
+    @property
+    def _window_mm(self) -> float:
+        """Of the window, along the axis."""
+        return 0.0 if self.medium is None else self.medium.window_mm / float(self._normal[2])
 
     @property
     def lens_z_mm(self) -> float:
         """Where the lens stands."""
         medium = self.medium
-        return self.air_mm + (0.0 if medium is None else medium.fluid_mm + medium.window_mm)
+        return self.air_mm + (0.0 if medium is None else medium.fluid_mm + self._window_mm)
 
     @property
     def _squeeze(self) -> float:
@@ -185,14 +168,22 @@ class RealCamera:
         """Radius of the stop's image under a microlens."""
         return self.microlens_focal_length_mm * self.stop_radius_mm / self._pupil_way_mm
 
+    def in_front_mm(self, position_mm: ArrayLike) -> NDArray[np.float64]:
+        """How far points (..., 3) of the camera's frame are in front of the window, or of the stop where there is no
+        window; negative behind it."""
+        position = np.asarray(position_mm, float)
+        if self.medium is None:
+            return self.lens_z_mm - max(self.entrance_pupil_mm[0], 0.0) - position[..., 2]
+        return -(position - (0.0, 0.0, self.medium.fluid_mm)) @ self._normal
+
     @property
     def constants(self) -> Constants:
         """All of it as kernels take it."""
         sensor, lattice = self.sensor, self.lattice
         diagonal = hypot(sensor.columns, sensor.rows) * sensor.pixel_pitch_mm
         entrance, radius = self.entrance_pupil_mm
-        medium = self.medium or Medium(1.0, self.object_distance_mm / 2)
-        nx, ny, nz = medium.normal.tolist()
+        medium = self.medium or Medium()
+        nx, ny, nz = self._normal.tolist()
         tilt, way = self.gap_tilt / diagonal, radians(self.gap_tilt_direction_deg)
         return Constants(
             focal=self.focal_length_mm, image=self.image_distance_mm, entrance=entrance, radius=radius,

@@ -164,12 +164,7 @@ def _diffraction_sigma_mm(camera: RealCamera, wavelength_nm: float) -> float:
 def _in_fluid(camera: RealCamera, points_mm: NDArray) -> NDArray[np.float64]:
     """Points (n, 3) of the laboratory in the camera's frame, if all lie in the fluid, or in front of the camera."""
     position = camera.pose.to_camera(points_mm)
-    if camera.medium is None:
-        left = camera.lens_z_mm - max(camera.entrance_pupil_mm[0], 0.0) - position[..., 2]
-        wall = "camera"
-    else:
-        left = -(position - (0.0, 0.0, camera.medium.fluid_mm)) @ camera.medium.normal
-        wall = "window"
+    left, wall = camera.in_front_mm(position), "camera" if camera.medium is None else "window"
     if left.size and not left.min() > 0:
         x, y, z = position.reshape(-1, 3)[int(np.argmin(left))]
         raise PlenoPIVError(

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.sensor import Orientation
@@ -18,7 +19,7 @@ from plenopiv.simulation.experiment_file import FRAMES, default_voxel_mm, experi
 from plenopiv.simulation.flows import Velocity, describe
 from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.patches import Progress
-from plenopiv.simulation.real_camera import Medium, RealCamera
+from plenopiv.simulation.real_camera import RealCamera
 from plenopiv.simulation.real_images import SAMPLES, real_particle_image, real_white_image, target_image
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
 from plenopiv.simulation.simulated_recording import (
