@@ -20,7 +20,7 @@ from plenopiv.simulation.flows import Velocity, describe
 from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.patches import Progress
 from plenopiv.simulation.real_camera import RealCamera
-from plenopiv.simulation.real_images import SAMPLES, real_particle_image, real_white_image, target_image
+from plenopiv.simulation.real_images import SAMPLES, real_particle_image, real_white_image, sight_lines, target_image
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
 from plenopiv.simulation.simulated_recording import (
     COMPLETE,
@@ -197,15 +197,23 @@ def simulate_real_recording(
     if medium is not None:
         known["medium"] = asdict(medium)
     x, y, voxel_z = default_voxel_mm(stated)
-    (_, _, z_mm), near = volume_mm, camera.pose.origin_mm[2]
     text = experiment_toml(
         stated, orientation, dt_s, volume_mm, voxel_mm or (x, y, round(voxel_z * index, 10)), windows,
         tables=_tables(medium if medium_known else None, extras.targets), images=_image_lines(extras, pairs),
-        seen_mm=(*volume_mm[:2], ((z_mm[0] + near) / index, (z_mm[1] + near) / index)),
+        seen_mm=_seen_mm(camera, volume_mm, index),
     )  # fmt: skip
     texts = {"optics.json": json.dumps(known, indent=2), "truth.json": json.dumps(truth, indent=2), COMPLETE: text}
     write_folder(out, images, moved, texts)
     return RealRecording(out, tuple(moved.values()), images)
+
+
+def _seen_mm(camera: RealCamera, volume_mm: Limits, index: float) -> Limits:
+    """A volume of the laboratory as a thin lens in air sees it, to first order."""
+    point, direction = sight_lines(camera, (0.0, 0.0), (0.0, 0.0))
+    x0, y0, _ = (point - direction * (point[:, 2:] / direction[:, 2:]))[0].tolist()
+    x, y, z = volume_mm
+    near = camera.pose.origin_mm[2]
+    return (x[0] - x0, x[1] - x0), (y[0] - y0, y[1] - y0), ((z[0] + near) / index, (z[1] + near) / index)
 
 
 def _tables(medium: Medium | None, planes: TargetPlanes | None) -> str:
