@@ -10,7 +10,7 @@ compare.
 
 A recording is made once and kept in DIR/NAME. Results are added to windows.json: RMS and bias along x, y, z in voxels,
 share of gross errors and of answered vectors, the slope of measured on true displacement with its standard deviation,
-and RMS over that in air.
+and RMS and slope over those in air.
 """
 
 from __future__ import annotations
@@ -215,12 +215,12 @@ def one_line(name: str, result: dict[str, Any]) -> str:
         return f"{name:16s} {result['error']}"
 
     def three(key: str) -> str:
-        return " ".join(f"{value:+.4f}" if key == "bias" else f"{value:.4f}" for value in result[key])
+        return " ".join(f"{value:+.4f}" if key == "bias" else f"{value:.4f}" for value in result.get(key, ()))
 
     return (
-        f"{name:16s} rms {three('rms')}  over air {' '.join(f'{r:.2f}' for r in result.get('rms_over_air', ()))}  "
-        f"bias {three('bias')}  slope {three('slope')} +- {three('slope_std')}  gross {100 * result['gross']:.2f} %  "
-        f"answered {100 * result['answered']:.1f} %  {result['vectors']} vectors"
+        f"{name:16s} rms {three('rms')}  over air {three('rms_over_air')}  bias {three('bias')}  "
+        f"slope {three('slope')} +- {three('slope_std')}  over air {three('slope_over_air')}  "
+        f"gross {100 * result['gross']:.2f} %  answered {100 * result['answered']:.1f} %  {result['vectors']} vectors"
     )
 
 
@@ -245,7 +245,9 @@ def main() -> None:
             continue
         results[name] = result = measure(name, folder)
         if "rms" in result and "rms" in results.get("air", {}):
-            result["rms_over_air"] = [a / b for a, b in zip(result["rms"], results["air"]["rms"], strict=True)]
+            for key in ("rms", "slope"):  # the same particles are seen: most of what slopes scatter by is common
+                pairs = zip(result[key], results["air"][key], strict=True)
+                result[f"{key}_over_air"] = [there / in_air for there, in_air in pairs]
         print(one_line(name, result))
         sys.stdout.flush()
         RECORDED.write_text(json.dumps(results, indent=1) + "\n")
