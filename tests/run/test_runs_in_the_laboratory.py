@@ -1,8 +1,10 @@
 """Runs whose x, y, z are the laboratory's: one map from file to results, and no other on resume."""
 
 import json
+import shutil
 import tomllib
 
+import h5py
 import numpy as np
 import pytest
 import tomli_w
@@ -15,7 +17,8 @@ from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.io import read_velocity
-from plenopiv.io.volumes import read_volume
+from plenopiv.io.volumes import read_volume, volume_in_laboratory
+from plenopiv.reconstruction.resampling import resampled
 from plenopiv.report.document import page
 from plenopiv.run import space as of_experiment
 from plenopiv.run.compared import compare
@@ -90,6 +93,27 @@ def test_kept_volumes_are_those_of_lens_space(results):
     volume = read_volume(results.directory / "volume-a.h5")
     assert volume.grid.voxel_mm == pytest.approx((*VOXEL_MM[:2], VOXEL_MM[2] / N), rel=1e-3)
     assert np.mean(volume.grid.limits_mm(), axis=1) == pytest.approx([0, 0, 0], abs=1e-3)
+
+
+def test_a_kept_volume_is_exported_in_the_laboratory(results, tmp_path):
+    kept, mesh = results.directory / "volume-a.h5", tmp_path / "volume.vtkhdf"
+    assert main(["export", str(kept), str(mesh)]) == 0
+    found = volume_in_laboratory(kept)
+    assert found.grid == Experiment.load(results.directory / "experiment.toml").grid()
+    expected = resampled(read_volume(kept), space().to_laboratory, found.grid)
+    assert found.values.tobytes() == expected.values.tobytes()
+    with h5py.File(mesh) as file:
+        np.testing.assert_allclose(file["VTKHDF"].attrs["Origin"], found.grid.first_mm)
+        assert file["VTKHDF/PointData/intensity"][:].sum() == pytest.approx(found.values.sum(), rel=1e-5)
+
+
+def test_a_damaged_map_of_a_kept_volume(results, tmp_path):
+    for name, value in (("degree", 9), ("half_mm", [1.0, 0.0, 1.0]), ("shape", [0, 1, 1]), ("centre_mm", [1.0])):
+        shutil.copy(results.directory / "volume-a.h5", tmp_path / "a.h5")
+        with h5py.File(tmp_path / "a.h5", "a") as file:
+            file["to_laboratory"].attrs[name] = value
+        with pytest.raises(PlenoPIVError, match=r"a.h5: is no volume of plenopiv or is damaged \(its (map|grid)"):
+            volume_in_laboratory(tmp_path / "a.h5")
 
 
 def test_correlating_kept_volumes_again_gives_the_same_bits(results, tmp_path):

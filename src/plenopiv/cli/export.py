@@ -8,7 +8,7 @@ from plenopiv.cli.terminal import Outcome
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io import read_velocity
 from plenopiv.io.openpiv import write_openpiv
-from plenopiv.io.volumes import read_volume
+from plenopiv.io.volumes import volume_in_laboratory
 from plenopiv.io.vtkhdf import write_volume_vtkhdf, write_vtkhdf
 
 VTKHDF, OPENPIV, VOLUME = ".vtkhdf", ".txt", ".h5"
@@ -32,7 +32,7 @@ def export(source: Path, target: Path, z_mm: float | None, time: int, overwrite:
     if target.exists() and not overwrite:
         raise PlenoPIVError(f"{target}: is there already; use --overwrite, or another name")
     if source.suffix.lower() == VOLUME:
-        write_volume_vtkhdf(target, read_volume(source))
+        write_volume_vtkhdf(target, volume_in_laboratory(source))
         return Outcome(str(target), {"file": str(target)})
     dataset = read_velocity(source)
     if z_mm is None:

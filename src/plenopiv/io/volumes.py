@@ -3,24 +3,30 @@
 An HDF5 file of two lists, packed with byte shuffle and deflate. ``intensity``: float32, of the voxels in the order
 z, y, x (x fastest). ``step``: uint16, how many voxels each lies after the one before it in that order, the first one
 after -1; 0 stands for 65535 empty voxels. Attributes: ``origin_mm`` and ``voxel_mm`` (x, y, z), ``shape`` (nz, ny, nx).
+Of a volume in lens space a third list, ``to_laboratory`` (terms, 3), is the polynomial that carries it to the
+laboratory, with the attributes of ``Polynomial`` and those of the laboratory's grid.
 
 What it takes a voxel, beside dense VTKHDF: docs/decisions/0038-kept-volumes.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.cameras.space_map import Polynomial, powers
 from plenopiv.errors import PlenoPIVError, brief
 from plenopiv.hdf5 import damage
 from plenopiv.io.aside import hdf5_aside
+from plenopiv.reconstruction.resampling import resampled
 from plenopiv.volume import SparseVolume, VoxelGrid
 
+Content = TypeVar("Content")
+TO_LABORATORY, MOST_DEGREE = "to_laboratory", 20
 FORMAT, VERSION = b"PlenoPIV volume", 1
 LIBRARY = "v110"  # of HDF5: its headers have check sums, and are short
 BLOCK = 1 << 18  # voxels of a chunk, and handled at once
@@ -28,8 +34,16 @@ SKIP = 65535  # empty voxels of a step 0
 LARGEST_SIDE, MOST_ROWS = 65535, 1 << 28  # of a grid: a row's columns are uint16, its start takes 8 bytes
 
 
-def write_volume(path: str | Path, volume: SparseVolume) -> None:
-    """Write the voxels of a volume; the same volume makes the same bytes.
+class Laboratory(NamedTuple):
+    """Where a volume of lens space lies in the laboratory: the polynomial that carries it there, and the grid of the
+    velocity field."""
+
+    map: Polynomial
+    grid: VoxelGrid
+
+
+def write_volume(path: str | Path, volume: SparseVolume, laboratory: Laboratory | None = None) -> None:
+    """Write the voxels of a volume; the same volume makes the same bytes. ``laboratory``: of one in lens space.
 
     Raises:
         PlenoPIVError: the file cannot be written; nothing is left behind.
@@ -43,9 +57,12 @@ def write_volume(path: str | Path, volume: SparseVolume) -> None:
         h5py.File(aside, "w", libver=(LIBRARY, LIBRARY), rdcc_nbytes=16 * BLOCK, meta_block_size=512) as file,
     ):
         file.attrs["format"], file.attrs["version"] = np.bytes_(FORMAT), VERSION
-        file.attrs["origin_mm"] = np.array(grid.first_mm, float)
-        file.attrs["voxel_mm"] = np.array(grid.voxel_mm, float)
-        file.attrs["shape"] = np.array(grid.shape, np.int64)
+        _write_grid(file.attrs, grid)
+        if laboratory is not None:
+            mapped = file.create_dataset(TO_LABORATORY, data=np.array(laboratory.map.coefficients, float))
+            mapped.attrs["centre_mm"], mapped.attrs["half_mm"] = laboratory.map.centre_mm, laboratory.map.half_mm
+            mapped.attrs["degree"] = laboratory.map.degree
+            _write_grid(mapped.attrs, laboratory.grid)
         sizes = {"step": count + _skips(volume), "intensity": count}
         for (name, size), kind in zip(sizes.items(), (np.uint16, np.float32), strict=True):
             chunks = {"chunks": (min(size, BLOCK),)} | packed if size else {}
@@ -64,6 +81,25 @@ def read_volume(path: str | Path, known: bool = False) -> SparseVolume:
     Raises:
         PlenoPIVError: missing, damaged, or another file.
     """
+    return _read(path, known, _volume)
+
+
+def volume_in_laboratory(path: str | Path) -> SparseVolume:
+    """The same on the grid of the velocity field: a volume of lens space is carried to the laboratory.
+
+    Raises:
+        PlenoPIVError: as ``read_volume``.
+    """
+
+    def both(file: Any) -> tuple[SparseVolume, Laboratory | None]:
+        return _volume(file), _laboratory(file)
+
+    volume, laboratory = _read(path, False, both)
+    return volume if laboratory is None else resampled(volume, laboratory.map, laboratory.grid)
+
+
+def _read(path: str | Path, known: bool, content: Callable[[Any], Content]) -> Content:
+    """The ``content`` of a file, tried first where it is not ``known``."""
     import h5py
 
     path = Path(path)
@@ -77,7 +113,7 @@ def read_volume(path: str | Path, known: bool = False) -> SparseVolume:
         if wrong:
             raise ValueError(wrong)
         with h5py.File(path, "r") as file:
-            return _volume(file)
+            return content(file)
     except Exception as error:  # HDF5 fails in many ways
         why = str(error) if type(error) is ValueError else brief(error)
         raise PlenoPIVError(f"{path}: is no volume of plenopiv or is damaged ({' '.join(why.split())[:100]})") from None
@@ -114,16 +150,51 @@ def _skips(volume: SparseVolume) -> int:
     return int(((first - np.concatenate([[-1], last[:-1]]) - 1) // SKIP).sum()) if rows.size else 0
 
 
-def _grid(attributes: Any) -> VoxelGrid:
-    """The grid of a file.
+def _write_grid(attributes: Any, grid: VoxelGrid) -> None:
+    attributes["origin_mm"] = np.array(grid.first_mm, float)
+    attributes["voxel_mm"] = np.array(grid.voxel_mm, float)
+    attributes["shape"] = np.array(grid.shape, np.int64)
+
+
+def _laboratory(file: Any) -> Laboratory | None:
+    """Where an open file's volume lies in the laboratory; None of one that is not in lens space.
 
     Raises:
-        ValueError: another file, or a grid that there cannot be.
+        ValueError: the map is none.
+    """
+    if TO_LABORATORY not in file:
+        return None
+    mapped, terms = file[TO_LABORATORY].attrs, file[TO_LABORATORY][:].astype(float)
+    degree = int(mapped["degree"])
+    centre, half = (np.asarray(mapped[name], float).ravel() for name in ("centre_mm", "half_mm"))
+    if not (0 <= degree <= MOST_DEGREE and terms.shape == (len(powers(degree)), 3) and centre.size == half.size == 3):
+        raise ValueError("its map to the laboratory is none")
+    if not (np.isfinite(terms).all() and np.isfinite([*centre, *half]).all() and (half > 0).all()):
+        raise ValueError("its map to the laboratory is none")
+    (cx, cy, cz), (hx, hy, hz) = centre.tolist(), half.tolist()
+    rows = tuple((x, y, z) for x, y, z in terms.tolist())
+    return Laboratory(Polynomial((cx, cy, cz), (hx, hy, hz), degree, rows), _grid(mapped))
+
+
+def _checked(attributes: Any) -> Any:
+    """The attributes of a volume's file.
+
+    Raises:
+        ValueError: it is another file.
     """
     if attributes.get("format") != FORMAT:
         raise ValueError("it does not say that it is one")
     if attributes["version"] != VERSION:
         raise ValueError(f"its version is {attributes['version']}; this program reads {VERSION}")
+    return attributes
+
+
+def _grid(attributes: Any) -> VoxelGrid:
+    """A grid as a file has it.
+
+    Raises:
+        ValueError: it is one that there cannot be.
+    """
     origin, voxel = (np.asarray(attributes[name], float).ravel() for name in ("origin_mm", "voxel_mm"))
     shape = np.asarray(attributes["shape"]).ravel()
     if (
@@ -142,7 +213,7 @@ def _volume(file: Any) -> SparseVolume:
     Raises:
         ValueError: its lists contradict one another or the grid.
     """
-    grid = _grid(file.attrs)
+    grid = _grid(_checked(file.attrs))
     step, intensity = file["step"], file["intensity"]
     for name, listed, kind in (("step", step, np.uint16), ("intensity", intensity, np.float32)):
         if listed.ndim != 1 or listed.dtype != kind:

@@ -20,7 +20,7 @@ from plenopiv.chain import Chain
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io.netcdf import write_velocity
 from plenopiv.io.series_file import pair_file
-from plenopiv.io.volumes import write_volume
+from plenopiv.io.volumes import Laboratory, write_volume
 from plenopiv.recording import Recording
 from plenopiv.run.frame import Frame, LostFrame, Progress, caught_warnings, reconstructed
 from plenopiv.run.judged import PairJudge
@@ -84,7 +84,9 @@ class Job:
                     raise PlenoPIVError(f"{path}: is gone since the run began") from None
                 return LostFrame(number, self.recording.frames[number], str(error), tuple(said))
         if self.volumes:
-            write_volume(self._path(volume_file(self.recording, number)), found.found.volume)
+            path, space = self._path(volume_file(self.recording, number)), self.chain.space
+            laboratory = None if space is None else Laboratory(space.to_laboratory, self.chain.grid)
+            write_volume(path, found.found.volume, laboratory)
         return Frame(number, found.source, found.image, found.found, found.unexplained, tuple(said))
 
     def not_asked(self, number: int) -> LostFrame:
