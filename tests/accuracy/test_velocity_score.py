@@ -7,6 +7,7 @@ from velocity_scenes import CAMERA, DT_S, HALF_MM, TO_VOXELS, VOXEL_MM, WINDOW
 from velocity_scenes import field_and_particles as scene
 
 from plenopiv.accuracy import score_velocity, true_displacements
+from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.errors import PlenoPIVError
 from plenopiv.simulation.flows import flow
 
@@ -186,3 +187,26 @@ def test_agrees_with_the_independent_scorer():
     assert ours.final.gross > 0
     assert ours.replaced == pytest.approx(theirs["replaced"])
     np.testing.assert_allclose([ours.inside_1_std, ours.inside_2_std], theirs["inside"])
+
+
+def test_a_field_of_the_laboratory_is_scored_as_its_image_in_lens_space():
+    """Shifted, and deeper by the index of water: the same vectors are judged, with the same errors in voxels."""
+    n, shift = 1.333, np.array([5.0, -3.0, 40.0])
+    dataset, a, b = scene(SHEAR, box=(3.0, 3.0, 2.0), n=20_000, error_voxels=(0.1, -0.2, 0.3))
+    points = np.random.default_rng(0).uniform(-6, 6, (100, 3))
+    space = SpaceMap.fitted(points * (1, 1, n) + shift, points, 1)
+    there = dataset.assign_coords(x=dataset.x + 5, y=dataset.y - 3, z=n * dataset.z + 40)
+    for name in ("w", "w_raw"):
+        there[name] = n * there[name]
+    here = score(dataset, a, b)
+    voxel = (*VOXEL_MM[:2], n * VOXEL_MM[2])
+    options = {"dt_s": DT_S, "voxel_mm": voxel, "window_voxels": WINDOW}
+    a, b = (p * (1, 1, n) + shift for p in (a, b))
+    found = score_velocity(there, a, b, CAMERA, space=space, **options)
+    assert found.vectors == here.vectors
+    np.testing.assert_allclose(found.final.bias, (0.1, -0.2, 0.3), atol=1e-9)
+    for one, other in zip(found.final.by_depth, here.final.by_depth, strict=True):
+        assert (one.from_mm, one.to_mm) == pytest.approx((other.from_mm, other.to_mm))
+        assert one.rms == pytest.approx(other.rms)
+    with pytest.raises(PlenoPIVError, match="no vector has a whole window"):
+        score_velocity(there, a, b, CAMERA, **options)  # as the camera's they would lie far before its field of view
