@@ -62,17 +62,21 @@ def chain_of(function, small=False):
     return Chain((camera,), grid, SETTINGS, WINDOWS, 0.5, space=found)
 
 
-def measured(chain, function, moved, count, seed=0):
-    """The field of the laboratory where particles about the volume move by ``moved(positions)`` in mm in 1 ms."""
+def volumes_of(chain, function, moved, count, seed=0):
+    """Both volumes of particles about the volume that move by ``moved(positions)`` in mm."""
     rng = np.random.default_rng(seed)
     half = np.array([0.5 * (hi - lo) + 0.3 for lo, hi in chain.grid.limits_mm()])
     at = rng.uniform(-1, 1, (count, 3)) * half + MIDDLE
     light = np.full(count, 15_000.0)
-    a, b = (
+    return tuple(
         chain.reconstruct([particle_image(chain.camera, Particles(function(p), light), rays=2000)]).volume
         for p in (at - moved(at) / 2, at + moved(at) / 2)
     )
-    return chain.velocity(a, b, dt_s=1e-3).isel(time=0)
+
+
+def measured(chain, *scene):
+    """The field of the laboratory of ``volumes_of``, 1 ms apart."""
+    return chain.velocity(*volumes_of(chain, *scene), dt_s=1e-3).isel(time=0)
 
 
 def test_a_linear_flow_behind_water_is_the_laboratory_s():
@@ -129,6 +133,12 @@ def test_voxels_of_lens_space_are_the_laboratory_s():
     quarter = chain_of(turned_by_a_quarter).lens_grid
     np.testing.assert_allclose(quarter.shape, np.array(GRID.shape)[[0, 2, 1]] + 2, atol=1)
     assert chain_of(None).lens_grid is GRID
+
+
+def test_an_ensemble_of_one_pair_is_that_pair():
+    chain = chain_of(behind_water, small=True)
+    volumes = volumes_of(chain, behind_water, lambda p: np.broadcast_to(MOVED_MM, p.shape), 300)
+    assert chain.ensemble([volumes], 1e-3).identical(chain.velocity(*volumes, 1e-3))
 
 
 def test_tiles_are_those_of_lens_space():

@@ -69,7 +69,8 @@ def _experiment(file: Path) -> Lines:
     camera, grid = experiment.camera(), experiment.grid()
     lines = camera_lines(camera)
     lo, hi = experiment.volume.z_mm
-    for z in sorted({lo, 0.0, hi}) if lo < 0 < hi else (lo, hi):
+    depths = sorted({lo, 0.0, hi}) if lo < 0 < hi else (lo, hi)
+    for z in depths if experiment.calibration is None else ():  # else these are depths of a target
         x, y = (2 * max(float(side), 0.0) for side in seen_by_every_view_mm(camera, z))
         lines.append((f"field at z = {z:g}", f"{x:.4g} x {y:.4g} mm seen by every view"))
     nz, ny, nx = grid.shape

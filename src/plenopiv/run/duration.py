@@ -21,7 +21,7 @@ TRACE = 7.7e-10  # s, a pixel in a plane, in dense ray tracing
 VOXEL = 4.5e-7  # s, a voxel: ruled out, listed, or corrected in the first iteration
 EVERY_VOXEL = 1.0e-7  # s, a voxel in one iteration where all are candidates
 WINDOW = 2.0e-8  # s, a voxel of a window in one pass
-RESAMPLED = 6.0e-8  # s, a voxel of the laboratory's grid, in both volumes of a pair
+RESAMPLED = 1.7e-8  # s, a voxel of the laboratory's grid, for a volume of which 6 % are listed
 START = 7.5  # s, calibration, libraries, report with its figures
 
 
@@ -54,14 +54,17 @@ def estimate(
     lens: VoxelGrid | None = None,
 ) -> TimeEstimate:
     """Estimate the time of a run. ``lens``: the grid of lens space, where vectors are measured on another ``grid``."""
-    pair = correlation_s(grid, passes)
-    if lens is not None and lens != grid:
-        pair += RESAMPLED * grid.size
-        grid = lens
+    pair = correlation_s(grid, passes) + 2 * resampling_s(grid, lens)
+    grid = lens or grid
     pixels = camera.microlenses * pi * camera.aperture_radius_px**2 * grid.shape[0]  # as often as there are planes
     frame = iterations * READ * pixels + VOXEL * grid.size
     frame += iterations * EVERY_VOXEL * grid.size if every_voxel else TRACE * pixels
     return TimeEstimate(frame / threads, pair / threads)
+
+
+def resampling_s(grid: VoxelGrid, lens: VoxelGrid | None) -> float:
+    """Seconds of one core for a volume on another ``grid`` than that of lens space, where it was reconstructed."""
+    return 0.0 if lens is None or lens == grid else RESAMPLED * grid.size
 
 
 def correlation_s(grid: VoxelGrid, passes: Iterable[Pass]) -> float:

@@ -34,12 +34,13 @@ class Plan:
 
 def plan_between_volumes(chain: Chain) -> Plan:
     """What to measure between volumes that are there takes; a "frame" is then a volume that is read."""
-    settings = chain.camera, chain.grid, chain.reconstruction, chain.correlation
+    settings, threads = (chain.camera, chain.grid, chain.reconstruction, chain.correlation), numba.get_num_threads()
     needed = replace(memory.of_settings(*settings, chain.lens_grid), volumes=0.0)
     if not chain.unusable:
         needed = replace(needed, light_field=0.0)
-    pair = duration.of_settings(*settings, numba.get_num_threads(), chain.lens_grid).pair
-    return Plan(chain, needed, TimeEstimate(READ, pair, START))
+    pair = duration.correlation_s(chain.grid, chain.correlation.passes) / threads
+    volume = READ + duration.resampling_s(chain.grid, chain.lens_grid) / threads  # in an ensemble more than once a pair
+    return Plan(chain, needed, TimeEstimate(volume, pair, START))
 
 
 def plan(chain: Chain, memory_gb: float | None = None) -> Plan:
