@@ -108,12 +108,12 @@ def run(
         pool = until_measured.enter_context(started(workers, limit_of_worker(workers, memory_gb)))
         with clock("check"):
             space = space or of_experiment.space_of(experiment, recording)
+            of_experiment.check_view(experiment, experiment.camera(), space)
             judgement = judged(experiment, recording, force, report, space)
         with clock("calibration"):
             stage = partial(report, "static light of the frames")
             lattice = judgement.lattice
             chain, recording, calibration = calibrated_chain(experiment, recording, lattice, stage, space)
-        of_experiment.check_view(experiment, chain.camera, space)
         _tell_static_light(calibration)
         inputs = with_calibration(inputs, chain, recording)
         folder.settle(inputs)
