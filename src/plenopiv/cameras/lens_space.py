@@ -8,10 +8,12 @@ from view to view, as spherical aberration does.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.ray_model import RayModel, on_disc
 from plenopiv.cameras.space_map import SpaceMap
@@ -55,6 +57,20 @@ def lens_place(camera: PlenopticCamera, spread: NDArray, centre_mm: NDArray) -> 
     distance = lens.image_distance_mm / (spread - 1 + lens.image_distance_mm / lens.focal_length_mm)
     across = -centre_mm * (distance / lens.image_distance_mm)[:, None]
     return np.column_stack([across, lens.object_distance_mm - distance])
+
+
+def behind_window(camera: PlenopticCamera, medium: Medium) -> RayModel:
+    """The rays of a thin lens behind fluid and window, the plane z = 0 of the fluid in focus on the axis.
+
+    Raises:
+        PlenoPIVError: fluid and window are optically longer than the object distance.
+    """
+    lens, sensor = camera.main_lens, camera.sensor
+    gap, corner = (
+        medium.gap_mm(lens.object_distance_mm),
+        0.5 * sensor.pixel_pitch_mm * hypot(sensor.columns, sensor.rows),
+    )
+    return RayModel(lens.focal_length_mm, lens.image_distance_mm, gap, medium, lens.image_distance_mm, corner)
 
 
 def space_map(model: RayModel, camera: PlenopticCamera, laboratory: Limits) -> SpaceMap:

@@ -33,7 +33,8 @@ class RayModel:
     image at ``corner_mm`` from the axis lies farther out. ``gap_tilt`` (2,): by what share the microlenses' distance to
     the sensor grows over ``corner_mm`` along s and t. ``reference_mm``: distance from the microlenses to the plane, in
     the image space, whose middle is seen by the middles of all micro-images. ``view_scale``: the places u of the views
-    over those on that plane.
+    over those on that plane. ``origin_mm`` (3,), ``laboratory_turn_rad``: where the laboratory's origin was put in the
+    frame that the numbers above are of, and by how much its axes are turned about z there.
     """
 
     focal_length_mm: float
@@ -47,6 +48,8 @@ class RayModel:
     distortion: float = 0.0
     gap_tilt: tuple[float, float] = (0.0, 0.0)
     view_scale: float = 1.0
+    origin_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    laboratory_turn_rad: float = 0.0
 
     @property
     def magnification(self) -> float:
@@ -54,8 +57,9 @@ class RayModel:
         return 1 - self.image_distance_mm / self.focal_length_mm
 
     def camera_frame(self, points_mm: ArrayLike) -> NDArray[np.float64]:
-        """Points (..., 3) of the laboratory along the camera's axes, with the laboratory's origin at z = 0."""
-        return np.asarray(points_mm, float) @ rotation(*self.turn_rad).T + np.array([*self.shift_mm, 0.0])
+        """Points (..., 3) of the laboratory along the camera's axes; z from where ``medium.fluid_mm`` begins."""
+        points = np.asarray(points_mm, float) @ rotation(0.0, 0.0, self.laboratory_turn_rad).T + self.origin_mm
+        return points @ rotation(*self.turn_rad).T + np.array([*self.shift_mm, 0.0])
 
     def trace(self, points_mm: ArrayLike, lens_mm: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Rays from ``points_mm`` (n, 3) in the laboratory through places ``lens_mm`` (m, 2) of the main lens.
@@ -73,7 +77,8 @@ class RayModel:
     def _slopes_at_lens(self, points: NDArray[np.float64], h: NDArray[np.float64]) -> NDArray[np.float64]:
         """dx/dz and dy/dz toward the camera in the air before the lens, (n, m, 2)."""
         medium = self.medium
-        turn = rotation(*np.radians(medium.window_tilt_deg), 0.0)  # the window's axes in the camera's frame
+        about_x, about_y = np.radians(medium.window_tilt_deg)
+        turn = rotation(about_x, about_y, 0.0)  # the window's axes in the camera's frame
         inner = np.array([0.0, 0.0, medium.fluid_mm])
         below = (points - inner) @ turn
         lens_z = medium.window_along_axis_mm + self.gap_mm

@@ -194,14 +194,9 @@ class Experiment(Table):
     def warnings(self) -> list[str]:
         """Warnings before a run, one line each; none of them stops the run."""
         camera = self.camera()
-        unmatched = mismatch(camera)
+        unmatched = mismatch(camera) if self.calibration is None else None
         lines = [unmatched] if unmatched else []
-        if self.calibration is not None:
-            lines.append(
-                "calibration: images of a target are not used yet: x, y, z are those of a thin lens in air, not the "
-                "target's; behind a window, in water, z and w come out too small by the refractive index"
-            )
-        elif self.medium is None:
+        if self.calibration is None and self.medium is None:
             lines += in_view.warnings(self.volume, self.correlation, camera)
         return lines
 

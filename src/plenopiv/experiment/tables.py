@@ -45,6 +45,7 @@ PositiveFloat = Annotated[float, Field(gt=0), AfterValidator(_in_range)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(_in_range)]
 # Strict models refuse lists for tuples; numbers inside stay strict.
 Pair = Annotated[tuple[Number, Number], Field(strict=False)]
+Triple = Annotated[tuple[Number, Number, Number], Field(strict=False)]
 PositiveTriple = Annotated[tuple[PositiveFloat, PositiveFloat, PositiveFloat], Field(strict=False)]
 WindowSide = Annotated[int, Field(ge=1, le=1024)]
 Window = Annotated[tuple[WindowSide, WindowSide, WindowSide], Field(strict=False)]
@@ -201,14 +202,34 @@ class TargetPlaneTable(Table):
 
 
 class CalibrationTable(Table):
-    """``[calibration]``: images of a target of dots at known z. Read, and not used yet."""
+    """``[calibration]``: images of a target of dots at known z (``calibration.target.board.Board``).
+
+    x, y and z of results are then the target's, unless ``origin_mm`` puts their origin elsewhere in its frame, and
+    ``turn_deg`` turns their axes about its z; neither makes a new calibration necessary.
+    """
 
     target: Literal["dots"]
     pitch_mm: PositiveFloat
     dot_mm: PositiveFloat
     origin_dot_mm: PositiveFloat | None = None
     x_dot_mm: PositiveFloat | None = None
+    step_mm: Number = 0.0
     planes: Annotated[tuple[TargetPlaneTable, ...], Field(strict=False, min_length=2)]
+    origin_mm: Triple = (0.0, 0.0, 0.0)
+    turn_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> CalibrationTable:
+        if self.origin_dot_mm is None:
+            raise ValueError("origin_dot_mm is missing: the target's one large dot tells where x = y = 0 is")
+        for key, width in (("origin_dot_mm", self.origin_dot_mm), ("x_dot_mm", self.x_dot_mm)):
+            if width is not None and width <= self.dot_mm:
+                raise ValueError(f"{key}: {width:g} mm is not wider than the other dots, dot_mm = {self.dot_mm:g}")
+        if self.x_dot_mm is not None and self.x_dot_mm >= self.origin_dot_mm:
+            raise ValueError("x_dot_mm: must be less than origin_dot_mm, so that the two are told apart")
+        if max(self.dot_mm, self.origin_dot_mm) >= self.pitch_mm:
+            raise ValueError(f"dot_mm, origin_dot_mm: dots {self.pitch_mm:g} mm apart would overlap")
+        return self
 
 
 class RecordingTable(Table):

@@ -203,6 +203,14 @@ class Recording:
         """Upright counts of the image with the sensor covered; None where the recording has none."""
         return None if self.dark_path is None else self._counts(only_source(self.dark_path))
 
+    def counts_of(self, path: Path) -> NDArray[np.uint16]:
+        """Upright counts of another image of the same camera, as one of a target.
+
+        Raises:
+            PlenoPIVError: it cannot be used.
+        """
+        return self._counts(only_source(path))
+
     def backgrounds(self) -> list[NDArray[np.uint16]]:
         """Upright counts of the static light, of both pulses or of each."""
         return [self._counts(only_source(path)) for path in self.background_paths]

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import degrees
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.calibration import LatticeFit, find_lattice
+from plenopiv.calibration.target.calibrated import TargetCalibration
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.chain import Chain
@@ -20,6 +22,7 @@ from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
 from plenopiv.recording.background import static_light_of_frames
 from plenopiv.run.solid import solid_of
+from plenopiv.run.target import target_calibration
 from plenopiv.sensor import middle, middle_of
 
 MIDDLE_PX = 1600  # side of the sensor's middle, in which shot noise is measured at first
@@ -29,14 +32,28 @@ Progress = Callable[[int, int], None]
 
 
 def calibrated_camera(
-    experiment: Experiment, recording: Recording, fit: LatticeFit | None = None
+    experiment: Experiment,
+    recording: Recording,
+    fit: LatticeFit | None = None,
+    target: TargetCalibration | None = None,
 ) -> tuple[PlenopticCamera, dict[str, Any]]:
-    """The camera with its lattice as the white image shows it, or as the file states it, and how well that fits.
-    ``fit``: of the white image, where it was found before.
+    """The camera of lens space with its lattice: as the target shows both, or the lattice as the white image shows it,
+    or as the file states it; and how well that fits. ``fit``: of the white image, ``target``: of the camera with a
+    target, where they were found before.
 
     Raises:
         PlenoPIVError: the white image cannot be used, or shows no lattice like the camera's.
     """
+    if (calibration := target or target_calibration(experiment, recording, fit)) is not None:
+        lattice, rms = calibration.camera.lattice, np.array([plane.rms_um for plane in calibration.planes])
+        return calibration.camera, {
+            "lattice": lattice.kind,
+            "pitch_mm": lattice.pitch_mm,
+            "rotation_deg": degrees(lattice.rotation_rad),
+            "offset_mm": lattice.offset_mm,
+            "target_residual_um": np.sqrt((rms**2).mean(0)).tolist(),
+            "target_dots": sum(plane.whole for plane in calibration.planes),
+        }
     camera, white = experiment.camera(), recording.white()
     if white is None:
         return camera, {"lattice": "as stated in the experiment file"}
@@ -57,15 +74,17 @@ def calibrated_chain(
     fit: LatticeFit | None = None,
     progress: Progress | None = None,
     space: SpaceMap | None = None,
+    target: TargetCalibration | None = None,
 ) -> tuple[Chain, Recording, dict[str, Any]]:
     """The chain of an experiment, shot noise measured on the white image; the recording, with its static light where
-    that was to be estimated from the frames; and what was found in calibration. ``space``: as ``space_of`` gives it.
+    that was to be estimated from the frames; and what was found in calibration. ``space``: as ``space_of`` gives it;
+    ``target``: as ``target_calibration`` does.
 
     Raises:
         PlenoPIVError: as ``calibrated_camera`` and ``solid_of``; static light cannot be estimated.
     """
     solid = solid_of(experiment)
-    camera, found = calibrated_camera(experiment, recording, fit)
+    camera, found = calibrated_camera(experiment, recording, fit, target)
     if recording.background_of_frames:
         recording, found["static_light"] = with_static_light(recording, camera, progress)
     chain = chain_of(experiment, camera, recording.unusable, solid, space)

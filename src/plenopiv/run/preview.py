@@ -33,6 +33,7 @@ from plenopiv.run import space as of_experiment
 from plenopiv.run.frame import Progress
 from plenopiv.run.series import RunResult, run
 from plenopiv.run.solid import solid_in
+from plenopiv.run.target import target_calibration
 from plenopiv.sensor import Sensor, middle, middle_of
 from plenopiv.volume import VoxelGrid
 
@@ -59,8 +60,10 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
     if strange or folder.resolve() == experiment.output_directory.resolve():
         raise PlenoPIVError(f"{folder}: holds something else than a preview; move it, or rename output.directory")
     recording = experiment.recording()
-    space = of_experiment.space_of(experiment, recording)
+    target, space = target_calibration(experiment, recording), of_experiment.space_of(experiment, recording)
     part, tables = cropped(experiment, space)
+    if target is not None:
+        target = replace(target, camera=replace(target.camera, sensor=part))
     sweep_stages(experiment.folder, STAGE)
     stage, lock = made_stage(experiment.folder, STAGE)
     try:
@@ -72,7 +75,9 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
         tables["recording"] = named | {"dt_s": recording.dt_s, "orientation": "upright"}
         _take_body(experiment, tables, images)
         _take_target(tables)
-        result = run(Experiment.from_dict(tables, images / "experiment.toml"), progress, force=True, space=space)
+        result = run(
+            Experiment.from_dict(tables, images / "experiment.toml"), progress, force=True, space=space, target=target
+        )
         (stage / "preview.png").write_bytes(png(velocity_figure(result.velocity)))
         stage.chmod(0o755)  # a temporary folder is its owner's alone
         shutil.rmtree(folder, ignore_errors=True)

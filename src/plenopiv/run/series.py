@@ -15,6 +15,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from plenopiv.calibration.target.calibrated import TargetCalibration
 from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
@@ -33,6 +34,7 @@ from plenopiv.run.plan import plan
 from plenopiv.run.share import limit_of_worker, shared_plan
 from plenopiv.run.shown import Shown
 from plenopiv.run.stored import StoredSeries, ask_for_space, summary_there, tell_kept, tell_plan, times_of
+from plenopiv.run.target import target_calibration
 from plenopiv.run.workers import Workers, started
 from plenopiv.run.written import Score, source
 
@@ -75,6 +77,7 @@ def run(
     pairs: tuple[int, int] | None = None,
     workers: Workers | int | None = None,
     space: SpaceMap | None = None,
+    target: TargetCalibration | None = None,
 ) -> RunResult:
     """Run the whole chain and write the results folder: velocity.nc, summary.json, experiment.toml, report.html
     and its figures, manifest.jsonl; of several pairs a file each in pairs/.
@@ -87,7 +90,8 @@ def run(
     not put together, which a run without it does. ``workers``: so many processes on this machine, or those of a Dask
     scheduler, measure the pairs, with the same bits; ``memory_gb`` is then of all processes on this machine, or of each
     of a scheduler's workers. ``space``: the map between the laboratory, whose x, y, z those of the experiment then are,
-    and lens space, where it is known otherwise than from the experiment's calibration.
+    and lens space, ``target``: the camera calibrated with a target, where they are known otherwise than from the
+    experiment's calibration.
 
     Raises:
         PlenoPIVError: an input cannot be used, the recording is unusable, memory or disk does not suffice, the folder
@@ -107,13 +111,14 @@ def run(
         folder.begin(inputs)
         pool = until_measured.enter_context(started(workers, limit_of_worker(workers, memory_gb)))
         with clock("check"):
+            target = target or target_calibration(experiment, recording, progress=report)
             space = space or of_experiment.space_of(experiment, recording)
-            of_experiment.check_view(experiment, experiment.camera(), space)
+            of_experiment.check_view(experiment, target.camera if target else experiment.camera(), space)
             judgement = judged(experiment, recording, force, report, space)
         with clock("calibration"):
             stage = partial(report, "static light of the frames")
             lattice = judgement.lattice
-            chain, recording, calibration = calibrated_chain(experiment, recording, lattice, stage, space)
+            chain, recording, calibration = calibrated_chain(experiment, recording, lattice, stage, space, target)
         _tell_static_light(calibration)
         inputs = with_calibration(inputs, chain, recording)
         folder.settle(inputs)

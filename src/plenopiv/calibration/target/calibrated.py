@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,9 +56,13 @@ class TargetCalibration:
     field_um: tuple[tuple[tuple[float, float, float], ...], ...]
     views_um: tuple[tuple[int, int, float, float], ...]
 
-    def space(self, laboratory: Limits) -> SpaceMap:
-        """The map between a volume of the laboratory and lens space."""
-        return space_map(self.model, self.camera, laboratory)
+    def space(
+        self, laboratory: Limits, origin_mm: tuple[float, float, float] = (0.0, 0.0, 0.0), turn_deg: float = 0.0
+    ) -> SpaceMap:
+        """The map between a volume of the laboratory and lens space, the laboratory's origin at ``origin_mm`` of the
+        target's frame, its axes turned by ``turn_deg`` about z there."""
+        model = replace(self.model, origin_mm=origin_mm, laboratory_turn_rad=radians(turn_deg))
+        return space_map(model, self.camera, laboratory)
 
 
 def lens_space_camera(camera: PlenopticCamera, fit: LatticeFit, radius_px: float) -> PlenopticCamera:
@@ -97,8 +102,8 @@ def calibrate_target(
     unusable: NDArray[np.bool_] | None = None,
     progress: Progress | None = None,
 ) -> TargetCalibration:
-    """The calibration that ``images`` of a target give. ``camera``: as ``lens_space_camera`` gives it. ``medium``: fluid
-    and window, as far as they are known. ``unusable``: pixels (rows, columns) that are no equations.
+    """The calibration that ``images`` of a target give. ``camera``: as ``lens_space_camera`` gives it. ``medium``:
+    fluid and window, as far as they are known. ``unusable``: pixels (rows, columns) that are no equations.
 
     Raises:
         PlenoPIVError: naming the image or the key: there is no target, its planes are out of order, all at one z, or

@@ -137,16 +137,15 @@ class DotImages:
         return _Pixels(view, lenses[near], off[view, near], up[view, near], whole)
 
     def _one(self, place: NDArray[np.float64], diameter_mm: float) -> tuple | None:
-        """A and c of one dot, their standard deviations, misfit, whether it is whole, whether found, and of each view
-        the normal equations (views, 2, 3) of its shift; None where it is not seen."""
+        """A and c of one dot, their standard deviations, misfit, whether it is whole, whether it is brighter than the
+        ground, and of each view the normal equations (views, 2, 3) of its shift; None where it is not found."""
         spread, scale = float(self.camera.spread(place[2])), float(self.camera.scale(place[2]))
         radius = 0.5 * diameter_mm * abs(scale) / self.pitch
         table, image = self._table(spread, radius), np.array([spread, *(scale * place[:2])])
         light = ground = None
         unit = np.array([1 / self.reach_mm, 1.0, 1.0]) * self.pitch
-        converged = False
+        pixels = self._pixels(image, radius)
         for _ in range(MOST_STEPS):
-            pixels = self._pixels(image, radius)
             if pixels is None:
                 return None
             at = pixels.view, pixels.lens
@@ -166,11 +165,13 @@ class DotImages:
             change[:3] = np.clip(change[:3], -LARGEST_STEP * unit, LARGEST_STEP * unit)
             image, light, ground = image + change[:3], light + change[3], ground + change[4]
             if (np.abs(change[:3]) < CONVERGED * unit).all():
-                converged = True
                 break
+            pixels = self._pixels(image, radius)
+        else:
+            return None
         misfit = sqrt(float(np.mean(residual**2)))
         std = np.sqrt(np.diag(np.linalg.inv(normal)))[:3] * max(misfit, 1.0)
-        found = converged and light is not None and bool(light > 0)
+        found = bool(light > 0)
         return image, std, misfit, pixels.whole, found, self._of_views(pixels.view, jacobian[:, 1:3], residual)
 
     def _of_views(self, view: NDArray, jacobian: NDArray, residual: NDArray) -> NDArray[np.float64]:

@@ -8,7 +8,8 @@ fit are smaller than errors.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ MARGIN = 1.3  # of the traverse's travel, over which the target is searched
 OUTLIER = 6.0  # standard deviations beyond which a dot is left out
 POOREST_MM = 0.05  # standard deviation in depth of a dot that is still used
 
-ARRAYS = "plane", "number", "laboratory_mm", "lens_mm", "std_mm", "misfit", "whole"
+ARRAYS = "plane", "number", "laboratory_mm", "lens_mm", "std_mm", "misfit", "whole"  # of each dot
 
 Progress = Callable[[int, int], None]
 
@@ -51,7 +52,8 @@ class Dots:
 
     def where(self, chosen: NDArray[np.bool_]) -> Dots:
         """Those that are ``chosen`` (n,)."""
-        return Dots(*(getattr(self, name)[chosen] for name in ARRAYS), self.aperture_mm, self.view_shift_mm)
+        some: dict[str, Any] = {name: getattr(self, name)[chosen] for name in ARRAYS}
+        return replace(self, **some)
 
 
 def measure_dots(
@@ -107,9 +109,10 @@ def measure_dots(
         parts.append(part.where(again.found & (again.std_mm[:, 2] < POOREST_MM)))
         if progress:
             progress(len(images) + n + 1, 2 * len(images))
-    together = (np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS)
-    shifts = np.concatenate([part.view_shift_mm for part in parts])
-    return Dots(*together, parts[0].aperture_mm, shifts)
+    whole: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in (*ARRAYS, "view_shift_mm")
+    }
+    return replace(parts[0], **whole)
 
 
 def _check_planes(images: Sequence[TargetImage]) -> None:

@@ -187,7 +187,8 @@ class _Problem:
     def scaled(self, parameters: NDArray[np.float64], dots: Dots) -> NDArray[np.float64]:
         """What the dots' images miss the traced ones by, over the standard deviation, (n, 3)."""
         found = images_of(dots.laboratory_mm, self.model(parameters), self.camera, RAYS, dots.aperture_mm).place_mm
-        return np.nan_to_num(dots.lens_mm - found, nan=1e3) / np.hypot(dots.std_mm, FLOOR_MM)
+        out: NDArray[np.float64] = np.nan_to_num(dots.lens_mm - found, nan=1e3)
+        return out / np.hypot(dots.std_mm, FLOOR_MM)
 
     def in_laboratory(self, parameters: NDArray[np.float64], dots: Dots) -> NDArray[np.float64]:
         """Where the measured images lie in the laboratory less where the dots are, (n, 3)."""
@@ -201,4 +202,4 @@ class _Problem:
             ],
             -1,
         )
-        return np.linalg.solve(jacobian, (dots.lens_mm - at)[..., None])[..., 0]
+        return np.asarray(np.linalg.solve(jacobian, (dots.lens_mm - at)[..., None])[..., 0], np.float64)
