@@ -120,7 +120,9 @@ def flow_in_air() -> Velocity:
     amplitude = STRENGTH * voxel[0] * 1e-3 / DT_S
     drift = [d * v * 1e-3 / DT_S for d, v in zip(DRIFT, voxel, strict=True)]
     amplitudes = [share * amplitude for share in SHARES]
-    return flow("abc", wavelength_mm=WAVELENGTH_MM, amplitudes_m_s=amplitudes, drift_m_s=drift)
+    abc = flow("abc", wavelength_mm=WAVELENGTH_MM, amplitudes_m_s=amplitudes, drift_m_s=drift)
+    eighth = np.array([WAVELENGTH_MM / 8, WAVELENGTH_MM / 8, 0.0])  # so that all components vary in the volume
+    return lambda points_mm: abc(points_mm + eighth)
 
 
 def case_camera(name: str) -> RealCamera:
