@@ -22,6 +22,7 @@ from plenopiv.threads import in_threads
 RINGS, AROUND = (0.35, 0.7, 0.9, 1.0), 24  # rays that tell how far a point's light reaches
 SPILL = 1.05  # of what they tell
 SAMPLES = 64  # rays of a pixel
+BANKS = 256  # of rays, of which each pixel takes one
 
 
 @dataclass(frozen=True)
@@ -148,9 +149,9 @@ def _seen(
     from plenopiv.simulation.white import blurred
 
     image = np.empty((camera.sensor.rows, camera.sensor.columns))
-    in_threads(
-        real_light.trace_pixels, len(image), image, camera.constants, samples, np.uint64(seed % 2**64), plane, dots
-    )
+    cam, banks, number = camera.constants, np.empty((BANKS, samples, 4)), np.uint64(seed % 2**64)
+    in_threads(real_light.sample_pixels, BANKS, banks, cam, number, little=True)
+    in_threads(real_light.trace_pixels, len(image), image, cam, banks, number, plane, dots)
     if diffraction_nm is None:
         return image
     return blurred(image, _diffraction_sigma_mm(camera, diffraction_nm) / camera.sensor.pixel_pitch_mm)

@@ -18,7 +18,7 @@ from plenopiv.simulation.kernels import HEXAGONAL_ROW, nearest_lens
 
 Pair = tuple[float, float]
 NEWTON = 30  # steps at most; five do for slopes of 0.3
-CLOSE = 1e-15
+CLOSE, ROUGH = 1e-15, 1e-8
 
 
 class Constants(NamedTuple):
@@ -141,12 +141,13 @@ def undistorted(cam: Constants, s: float, t: float) -> Pair:
     """Where a ray would have met the microlens plane that distortion brought to (s, t)."""
     if cam.bend == 0.0:
         return s, t
-    far2, scale = s * s + t * t, 1.0
-    for _ in range(NEWTON):  # scale (1 + bend far^2 scale^2) = 1
-        off = cam.bend * far2 * scale * scale
+    far = cam.bend * (s * s + t * t)
+    scale = 1.0 - far * (1.0 - 3.0 * far)  # the root of scale (1 + far scale^2) = 1, to the third order
+    for _ in range(NEWTON):
+        off = far * scale * scale
         step = (scale * (1.0 + off) - 1.0) / (1.0 + 3.0 * off)
         scale -= step
-        if abs(step) <= CLOSE:
+        if abs(step) <= ROUGH:  # the step squared is left
             break
     return s * scale, t * scale
 

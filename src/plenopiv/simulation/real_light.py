@@ -127,18 +127,33 @@ def dot_light(
 
 
 @plain_kernel
+def sample_pixels(
+    begin: int, end: int, banks: NDArray[np.float64], cam: Constants, seed: np.uint64
+) -> None:  # fmt: skip
+    """Fill ``banks`` (banks, samples, 4), from ``begin`` to ``end``, with places evenly over a pixel and a microlens'
+    cell, (s, t) in mm from the middle of each; every bank is shifted at random."""
+    for bank in range(begin, end):
+        own = mix(seed, bank)
+        d0, d1, d2, d3 = uniform(own, 0), uniform(own, 1), uniform(own, 2), uniform(own, 3)
+        for k in range(banks.shape[1]):
+            banks[bank, k, 0] = cam.pixel * (within_one(d0 + k * STEPS[0]) - 0.5)
+            banks[bank, k, 1] = cam.pixel * (within_one(d1 + k * STEPS[1]) - 0.5)
+            cell_s, cell_t = cell_offset(cam, within_one(d2 + k * STEPS[2]), within_one(d3 + k * STEPS[3]))
+            banks[bank, k, 2], banks[bank, k, 3] = cell_s, cell_t
+
+
+@plain_kernel
 def trace_pixels(
-    begin: int, end: int, image: NDArray[np.float64], cam: Constants, samples: int, seed: np.uint64,
+    begin: int, end: int, image: NDArray[np.float64], cam: Constants, banks: NDArray[np.float64], seed: np.uint64,
     plane: NDArray[np.float64], dots: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Fill rows ``begin`` to ``end`` of the image with the mean brightness of what each pixel sees through the
-    microlenses about it, by ``samples`` rays evenly over the pixel and the microlens. Without ``dots`` all that the
-    stop lets through is 1: a white image."""
+    microlenses about it, by the rays of one of ``banks`` (``sample_pixels``) for each of these. Without ``dots`` all
+    that the stop lets through is 1: a white image."""
     spacing = HEXAGONAL_ROW if cam.hexagonal else 1.0
     grown = 1.0 + cam.gap * cam.to_exit
-    spill = 0.6 * cam.pitch * cam.stretch * (cam.gap * cam.to_exit + abs(cam.tilt_s) + abs(cam.tilt_t))
-    reach = cam.micro_radius + 0.71 * cam.pixel + spill
-    span = ceil(reach / (cam.pitch * spacing) + 0.5)
+    cell = 0.71 * cam.pitch * max(cam.stretch, 1.0)  # no cell reaches farther
+    span = ceil((cam.micro_radius + cell) / (cam.pitch * spacing) + 0.5)
     for row in range(begin, end):
         for column in range(image.shape[1]):
             middle_s, middle_t = (cam.column0 - column) * cam.pixel, (row - cam.row0) * cam.pixel
@@ -147,8 +162,7 @@ def trace_pixels(
             b0 = (cam.turn_c * dt - cam.turn_s * ds) / (cam.pitch * cam.stretch)
             _, centre = nearest_lens(a0, b0, cam.hexagonal)
             middle = floor(centre / spacing + 0.5)
-            own = mix(seed, row * image.shape[1] + column)
-            d0, d1, d2, d3 = uniform(own, 0), uniform(own, 1), uniform(own, 2), uniform(own, 3)
+            bank = banks[mix(seed, row * image.shape[1] + column) % np.uint64(banks.shape[0])]
             total = 0.0
             for j in range(middle - span, middle + span + 1):
                 odd = 0.5 * (j & 1) if cam.hexagonal else 0.0
@@ -156,16 +170,19 @@ def trace_pixels(
                 for i in range(-span, span + 1):
                     lens_s, lens_t = lattice_point(cam, nearest + i, j * spacing)
                     gap = gap_behind(cam, lens_s, lens_t)
-                    image_s, image_t = lens_s * (1.0 + gap * cam.to_exit), lens_t * (1.0 + gap * cam.to_exit)
-                    far = reach * gap / cam.gap + 0.71 * cam.pixel
-                    if (middle_s - image_s) ** 2 + (middle_t - image_t) ** 2 > far * far:
+                    # from the stop's image: a disc, blurred by where in the cell a ray comes through
+                    off_s, off_t = (
+                        middle_s - lens_s * (1.0 + gap * cam.to_exit),
+                        middle_t - lens_t * (1.0 + gap * cam.to_exit),
+                    )
+                    blur = cell * (gap * cam.to_exit + abs(gap / cam.gap - 1.0)) + 0.71 * cam.pixel
+                    if sqrt(off_s * off_s + off_t * off_t) > cam.micro_radius * gap / cam.gap + blur:
                         continue
-                    for k in range(samples):
-                        hit_s = middle_s + cam.pixel * (within_one(d0 + k * STEPS[0]) - 0.5)
-                        hit_t = middle_t + cam.pixel * (within_one(d1 + k * STEPS[1]) - 0.5)
-                        cell_s, cell_t = cell_offset(cam, within_one(d2 + k * STEPS[2]), within_one(d3 + k * STEPS[3]))
+                    for place in bank:
+                        cell_s, cell_t = place[2], place[3]
                         s, t = lens_s + cell_s, lens_t + cell_t
-                        ms, mt = (hit_s - s) / gap + cell_s / cam.gap, (hit_t - t) / gap + cell_t / cam.gap
+                        ms = (middle_s + place[0] - s) / gap + cell_s / cam.gap
+                        mt = (middle_t + place[1] - t) / gap + cell_t / cam.gap
                         qx, qy, mx, my = back_to_pupil(cam, s, t, ms, mt)
                         if not isfinite(qx):
                             continue
@@ -174,4 +191,4 @@ def trace_pixels(
                         else:
                             x, y, z, mx, my, mz = back_into_fluid(cam, qx, qy, mx, my)
                             total += dot_light(x, y, z, mx, my, mz, plane, dots)
-            image[row, column] = total / samples
+            image[row, column] = total / bank.shape[0]
