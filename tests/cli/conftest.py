@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import tifffile
-from small_recording import COLUMNS, ROWS, SHEET
+from drafted_recording import COLUMNS, ROWS, SHEET
 
 from plenopiv.cli import main
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import tifffile
-from small_recording import COLUMNS, ROWS, edit, tree
+from drafted_recording import COLUMNS, ROWS, edit, tree
 
 IMAGES = {
     "missing": (lambda path: path.unlink(), "no such file"),

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import tifffile
-from small_recording import COLUMNS, ROWS, SHEET, tree
+from drafted_recording import COLUMNS, ROWS, SHEET, tree
 
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.cli import main

@@ -9,7 +9,7 @@ import imagecodecs
 import numpy as np
 import pytest
 import tifffile
-from small_recording import COLUMNS, ROWS, SHEET
+from drafted_recording import COLUMNS, ROWS, SHEET
 
 from plenopiv.cli import main
 from plenopiv.experiment import Experiment

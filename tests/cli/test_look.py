@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 import tifffile
-from small_recording import edit
+from drafted_recording import edit
 from test_work import SIMULATION
 
 from plenopiv.cli import main

@@ -9,7 +9,7 @@ import warnings
 from pathlib import Path
 
 import pytest
-from small_recording import edit
+from drafted_recording import edit
 from typer.main import get_command
 
 from plenopiv.cli import app, main

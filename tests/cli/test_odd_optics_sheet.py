@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from small_recording import SHEET, tree
+from drafted_recording import SHEET, tree
 
 NONE = [
     ("sensor", "black_level", "sixty", "sensor.black_level = 'sixty' is no number"),

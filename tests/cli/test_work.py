@@ -1,7 +1,7 @@
 """simulate, calibrate and info on good input."""
 
 import numpy as np
-from small_recording import edit
+from drafted_recording import edit
 
 from plenopiv.cli import main
 from plenopiv.experiment import Experiment
