@@ -8,7 +8,7 @@ import pytest
 import tifffile
 
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
-from plenopiv.recording import Recording, find_frames, natural_order, read_image
+from plenopiv.recording import ImageSource, Recording, find_frames, natural_order, read_image
 from plenopiv.sensor import Sensor
 
 SENSOR = Sensor(60, 40, 0.0055, 12, 60.0)
@@ -68,6 +68,14 @@ def test_a_missing_file_a_folder_and_an_empty_file(tmp_path):
     empty = tmp_path / "empty.tif"
     empty.touch()
     assert "is empty (0 bytes)" in refused(empty)
+
+
+@pytest.mark.parametrize("name", ["a.tif", "a.png", "a.npy", "a.h5"])
+def test_a_file_that_has_gone_is_missing_not_damaged(tmp_path, name):
+    source = ImageSource(tmp_path / name, dataset="images" if name == "a.h5" else "")
+    for read in (source.size, source.values, source.counts):
+        with pytest.raises(PlenoPIVError, match=rf"{name}: is missing$"):
+            read()
 
 
 def test_what_is_no_tiff_says_that_only_tiff_is_read(tmp_path):

@@ -181,6 +181,37 @@ def test_another_calibration_is_refused(results):
         folder.discard()
 
 
+def test_other_tiles_are_refused_unless_they_replace_what_there_is(tmp_path):
+    """Volumes in tiles have other bits."""
+    path, whole, cut = tmp_path / "results", {**INPUTS, "tiles": 1}, {**INPUTS, "tiles": 3}
+    said = r"another number of tiles \(tiles: was 1, is 3\); give the same --memory, use --overwrite"
+    with SeriesFolder(path) as folder:
+        folder.begin(INPUTS)
+        folder.settle(whole)
+        measure(folder, 0)
+    with SeriesFolder(path) as folder:
+        folder.begin(INPUTS)
+        with pytest.raises(PlenoPIVError, match=said):
+            folder.settle(cut)
+    with SeriesFolder(path) as folder:
+        folder.begin(INPUTS)
+        folder.settle(whole)
+        assert set(folder.finished) == {0}
+    with SeriesFolder(path, overwrite=True) as folder:
+        folder.begin(INPUTS)
+        folder.settle(cut)
+        assert not folder.finished
+
+
+def test_jobs_that_begin_together_have_the_same_tiles(tmp_path):
+    with SeriesFolder(tmp_path / "results", first=0, end=2) as folder:
+        folder.begin(INPUTS)
+        settled = manifest.line({"inputs": {**INPUTS, "tiles": 1}, "mode": "new"})
+        (folder.work / "inputs.json").write_text(settled)  # by a job of other pairs, which began before
+        with pytest.raises(PlenoPIVError, match=r"another number of tiles \(tiles: was 1, is 3\)"):
+            folder.settle({**INPUTS, "tiles": 3})
+
+
 def test_results_stay_whole_until_they_are_replaced(results):
     before = contents(results)
     other = {**INPUTS, "settings": {"correlation": {"overlap": 0.75}}}

@@ -130,6 +130,13 @@ def test_a_run_in_tiles(experiment, capsys, monkeypatch):
     result = json.loads((experiment.output_directory / "summary.json").read_text())
     assert result["tiles"] > 1
     assert result["memory_estimate_gb"] <= 1.1
+    before = (experiment.output_directory / "velocity.nc").read_bytes()
+    assert main(["run", str(experiment.path)]) == 2  # would mix volumes in tiles with whole ones
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert f"another number of tiles (tiles: was {result['tiles']}, is 1); give the same --memory" in said
+    assert (experiment.output_directory / "velocity.nc").read_bytes() == before
+    assert main(["run", str(experiment.path), "--memory", "1.1"]) == 0
+    assert "nothing to do" in capsys.readouterr().err
 
 
 def test_a_run_that_takes_more_does_not_begin(experiment, capsys):

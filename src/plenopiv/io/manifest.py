@@ -173,6 +173,22 @@ def named_changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     return "; ".join(found[:NAMED]) + more
 
 
+def settled_otherwise(known: Mapping[str, Any], inputs: Mapping[str, Any]) -> str:
+    """What of calibration and tiles is not as ``known``, and the ways out, for a message; "" where all is the same.
+
+    ``known`` has the key "digest" alone where nothing but ``digest_of`` is left of it.
+    """
+    remedy = "use --overwrite, or another output.directory"
+    if "digest" in known:
+        same = known["digest"] == digest_of(inputs)
+        return "" if same else f"another calibration or number of tiles; give the same --memory, {remedy}"
+    if not (named := named_changes(known, inputs)):
+        return ""
+    if known.get("calibration") == inputs.get("calibration"):
+        return f"another number of tiles ({named}); give the same --memory, {remedy}"
+    return f"another calibration ({named}); {remedy}"
+
+
 def _short(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

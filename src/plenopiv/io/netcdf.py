@@ -87,7 +87,7 @@ def opened_velocity(path: str | Path) -> Iterator[xarray.Dataset]:
     except Exception as error:
         raise _damaged(path, error) from None
     with dataset:
-        _check(path, dataset)
+        check_velocity(path, dataset)
         yield dataset
 
 
@@ -113,8 +113,8 @@ def _damaged(path: str | Path, error: Exception) -> PlenoPIVError:
     return PlenoPIVError(f"{path}: is no velocity file or is damaged ({' '.join(str(error).split())[:100]})")
 
 
-def _check(path: Path, dataset: xarray.Dataset) -> None:
-    """Raise PlenoPIVError for a dataset that is no velocity field."""
+def check_velocity(path: Path, dataset: xarray.Dataset) -> None:
+    """Raise PlenoPIVError for a dataset, opened from ``path``, that is no velocity field."""
     missing = [name for name in REQUIRED if name not in dataset]
     if missing:
         raise PlenoPIVError(f"{path}: has no {', '.join(missing)}, so it is no velocity field of plenopiv")

@@ -20,7 +20,7 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.io import manifest as manifests
 from plenopiv.io.aside import sync_names, told_of, written_aside
 from plenopiv.io.lock import FolderLock
-from plenopiv.io.manifest import Manifest, Records, digest_of, hash_of, is_whole, named_changes
+from plenopiv.io.manifest import Manifest, Records, digest_of, hash_of, is_whole, named_changes, settled_otherwise
 from plenopiv.io.output import COMPLETE, sweep_stages
 
 WORK, GONE, LOCK, INPUTS = ".plenopiv", ".plenopiv-gone", "lock", "inputs.json"
@@ -30,8 +30,8 @@ LAST = (*COMPLETE, manifests.NAME)  # moved last, in this order
 class SeriesFolder:
     """``directory``, locked for the pairs ``first`` <= k < ``end``, for all of them without ``end``.
 
-    ``begin`` compares what the results depend on, ``settle`` the calibration; then ``finished`` holds the records of
-    the pairs that are there and whole. ``store`` keeps a finished pair, ``publish`` moves all into place.
+    ``begin`` compares what the results depend on, ``settle`` calibration and tiles; then ``finished`` holds the records
+    of the pairs that are there and whole. ``store`` keeps a finished pair, ``publish`` moves all into place.
 
     Raises:
         PlenoPIVError: on entering: the folder is a file, cannot be written, or another run works on these pairs.
@@ -136,24 +136,23 @@ class SeriesFolder:
             self._results = None
 
     def settle(self, inputs: Mapping[str, Any]) -> None:
-        """Take ``inputs``, now with the calibration, as what the pairs of this run depend on, and look for those that
-        are there.
+        """Take ``inputs``, now with the calibration and the number of tiles, as what the pairs of this run depend on,
+        and look for those that are there.
 
         Raises:
-            PlenoPIVError: the calibration is another one; the folder cannot be written.
+            PlenoPIVError: calibration or tiles are others, and not ``overwrite``; the folder cannot be written.
         """
         self.depends = digest_of(inputs)
-        known = self._known
-        if known is not None:
-            same = known["digest"] == self.depends if "digest" in known else not named_changes(known, inputs)
-            if not same:
-                named = "other inputs" if "digest" in known else named_changes(known, inputs)
-                raise PlenoPIVError(
-                    f"{self.directory}: holds a run of another calibration ({named}); use --overwrite, or another "
-                    "output.directory"
-                )
-        if self._unfinished is None or self._unfinished["inputs"].keys() != inputs.keys():
-            self._state(inputs)
+        with self._lock.beginning() as none_has_begun:
+            stated = manifests.whole_file(self.work / INPUTS)  # by now: others may have begun together with this run
+            for known in (self._known, stated["inputs"] if stated else None):
+                if known is not None and (other := settled_otherwise(known, inputs)):
+                    if not (self.overwrite and none_has_begun):
+                        raise PlenoPIVError(f"{self.directory}: holds a run of {other}")
+                    self._clear()
+                    self._mode, self._unfinished, self._results = "replace", None, None
+            if self._unfinished is None or self._unfinished["inputs"].keys() != inputs.keys():
+                self._state(inputs)
         self._look()
 
     @property

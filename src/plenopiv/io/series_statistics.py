@@ -11,7 +11,7 @@ import numpy as np
 
 from plenopiv.errors import PlenoPIVError, brief
 from plenopiv.hdf5 import contradiction, damage
-from plenopiv.io.netcdf import DIMS, _check, write_dataset
+from plenopiv.io.netcdf import DIMS, check_velocity, write_dataset
 from plenopiv.statistics import Phases, PhaseStatistics, SeriesStatistics
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def fields_of(results: str | Path) -> Iterator[tuple[int, int, xarray.Dataset]]:
     with opened as dataset:
         if wrong := contradiction(dataset.variables):
             raise PlenoPIVError(f"{path}: is no velocity file or is damaged ({wrong})")
-        _check(path, dataset)
+        check_velocity(path, dataset)
         wanted = [name for name in ("u", "v", "w", "u_std", "v_std", "w_std", "valid") if name in dataset]
         wanted += ["inside_body"] if "inside_body" in dataset else []
         fields, pairs = dataset[wanted].transpose(*DIMS), dataset.sizes["time"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -82,11 +84,12 @@ class ImageSource:
             PlenoPIVError: as ``check``; the pixels do not decode.
         """
         reader, fits = formats.reader_of(self.path), partial(self._compare, sensor)
-        if reader is None:
-            counts = tiff.counts(self.path, self.page, fits)
-        else:
-            fits(reader.header(self.path, self.page, self.dataset))
-            counts = reader.counts(self.path, self.page, self.dataset)
+        with _told_if_missing(self.path):
+            if reader is None:
+                counts = tiff.counts(self.path, self.page, fits)
+            else:
+                fits(reader.header(self.path, self.page, self.dataset))
+                counts = reader.counts(self.path, self.page, self.dataset)
         if self.half:
             middle = counts.shape[0] // 2
             counts = counts[:middle] if self.half == "top" else counts[middle:]
@@ -98,14 +101,16 @@ class ImageSource:
         Raises:
             PlenoPIVError: as ``size``.
         """
-        return {} if formats.reader_of(self.path) else tiff.tiff_tags(self.path, self.page)
+        with _told_if_missing(self.path):
+            return {} if formats.reader_of(self.path) else tiff.tiff_tags(self.path, self.page)
 
     def _header(self, sensor: Sensor | None) -> tiff.Header:
         """What the file's header says, compared with a sensor."""
         reader, fits = formats.reader_of(self.path), partial(self._compare, sensor)
-        if reader is None:
-            return tiff.header(self.path, self.page, fits)
-        header = reader.header(self.path, self.page, self.dataset)
+        with _told_if_missing(self.path):
+            if reader is None:
+                return tiff.header(self.path, self.page, fits)
+            header = reader.header(self.path, self.page, self.dataset)
         fits(header)
         return header
 
@@ -125,6 +130,17 @@ class ImageSource:
                 f"{self}: holds {bits} bits per pixel, but camera.sensor.bit_depth is {sensor.bit_depth}"
                 f"; save the raw counts, or set bit_depth = {bits} and its black_level"
             )
+
+
+@contextmanager
+def _told_if_missing(path: Path) -> Iterator[None]:
+    """Say that a file is missing which was there when the recording was opened: readers call it damaged."""
+    try:
+        yield
+    except (PlenoPIVError, OSError):
+        if path.exists():
+            raise
+        raise PlenoPIVError(f"{path}: is missing") from None
 
 
 def _aligned(counts: NDArray, sensor: Sensor | None, name: str) -> NDArray:

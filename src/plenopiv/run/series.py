@@ -120,12 +120,12 @@ def run(
             lattice = judgement.lattice
             chain, recording, calibration = calibrated_chain(experiment, recording, lattice, stage, space, target)
         _tell_static_light(calibration)
-        inputs = with_calibration(inputs, chain, recording)
+        planned, share = (plan(chain, memory_gb), None) if pool is None else shared_plan(chain, memory_gb, pool.workers)
+        inputs = with_calibration(inputs, chain, recording) | {"tiles": planned.tiles}  # these give other bits
         folder.settle(inputs)
         _keep_unchanged(folder, recording)
         if folder.is_complete and len(folder.finished) == len(recording.pairs):
             return RunResult(summary_there(folder), folder.directory, (len(recording.pairs), len(recording.pairs)))
-        planned, share = (plan(chain, memory_gb), None) if pool is None else shared_plan(chain, memory_gb, pool.workers)
         left = [number for number in wanted if number not in folder.finished]
         frames = len({k for number in left for k in recording.pairs[number]})
         tell_plan(planned, frames, len(left), None if share is None else share.text)
