@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from plenopiv.displacement.offset import discrete_offset
-from plenopiv.displacement.offset_kernels import correlations
+from plenopiv.displacement.offset_kernels import correlations, refine
+from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.windows import window_grid
 from plenopiv.volume import SparseVolume
 
@@ -26,6 +28,21 @@ def test_correlations_are_the_direct_sums(size):
     correlations(a, b, at, to, size, c)
     shifts = [(0, 0, 0), (-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)]
     np.testing.assert_allclose(c, [slow_correlation(a, b, at, to, size, s) for s in shifts], rtol=1e-4, atol=1e-5)
+
+
+def test_a_window_of_three_lengths_is_found_by_its_own_voxels():
+    """The vector is the fit to the direct sums over just the window, which is longest along x."""
+    rng, size, whole = np.random.default_rng(1), np.array([7, 9, 13]), np.array([1, -2, 3])
+    a = gaussian_filter(rng.random((20, 24, 32)), 1.0).astype(np.float32)
+    b = (np.roll(a, whole, (0, 1, 2)) + 0.02 * rng.random(a.shape)).astype(np.float32)
+    corner, vectors, again = np.array([[6, 8, 9]]), whole[None, ::-1].astype(float), np.zeros(1, bool)
+    refine(a, b, corner, size, vectors, again)
+    at = corner[0] - whole // 2
+    c = [slow_correlation(a, b, at, at + whole, size, step) for step in (np.zeros(3, int), *np.eye(3, dtype=int))]
+    before = [slow_correlation(a, b, at, at + whole, size, -step) for step in np.eye(3, dtype=int)]
+    expected = [n + gaussian_offset(low, c[0], high) for n, low, high in zip(whole, before, c[1:], strict=True)]
+    assert again.all()
+    np.testing.assert_allclose(vectors[0], expected[::-1], atol=1e-3)
 
 
 @pytest.mark.parametrize("shift", [(3.3, 0.0, 0.0), (0.0, -2.6, 0.0), (0.0, 0.0, 1.45), (-1.2, 2.7, 0.4)])

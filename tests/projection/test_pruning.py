@@ -84,6 +84,23 @@ def test_voxels_are_dropped_if_all_of_the_voxel_is_ruled_out(kind, z):
     assert np.any(surely) or z == STARTS[1]
 
 
+@pytest.mark.parametrize(("kind", "z"), [("square", STARTS[0]), ("square", STARTS[2]), ("hexagonal", STARTS[0])])
+def test_a_deep_voxel_is_ruled_out_by_its_own_depth(kind, z):
+    """Of voxels whose depth moves their light more than their width does: what a pixel on an axis of the aperture rules
+    out all over a voxel a seventh deeper is dropped."""
+    where, grid = inner_layout(kind), replace(grid_at(z), voxel_mm=(0.017, 0.019, 0.24))
+    projector, judging = PlenopticProjector(where, grid, "exact"), judging_views(CameraOnGrid(where, grid_at(z)))
+    on_axis = [view for view in judging if (where.offsets[view] == 0).any() and np.abs(where.offsets[view]).max() >= 2]
+    least = least_light(where, grid, np.array([1.05, 1.05, 1.15]))
+    light = planes(where.camera, grid)[:, Plane._fields.index("light")]
+    asked = [place for place in np.argwhere(least > 0.15 * light.min()) if place[1] in on_axis]
+    assert len(asked) > 2
+    for voxel, view, lens in asked:
+        bound = np.full(where.seen.shape, np.inf, np.float32)
+        bound[view, lens] = 0.98 * PARTICLE * least[voxel, view, lens]
+        assert projector.candidates(bound, PARTICLE).dense().values.ravel()[voxel] == 0
+
+
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
 @pytest.mark.parametrize(("rule", "rays"), [("1-ray", 1), ("9-rays", 9)])
 def test_rays_are_judged_as_they_are(kind, rule, rays):

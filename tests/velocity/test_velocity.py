@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.errors import PlenoPIVError
-from plenopiv.velocity import velocity_dataset
+from plenopiv.velocity import replaced, replaced_share, vectors_inside_body, velocity_dataset
 from plenopiv.volume import VoxelGrid
 
 GRID = VoxelGrid.covering((-4.0, 4.0), (-3.0, 3.0), (-2.0, 2.0), (0.02, 0.02, 0.08))
@@ -44,8 +45,6 @@ def test_coordinates_are_window_centres_in_mm(field):
 
 
 def test_flags_and_conventions_survive_the_file(field, tmp_path):
-    import xarray as xr
-
     path = tmp_path / "velocity.nc"
     velocity_dataset(field, GRID, 5e-4, 0.25).to_netcdf(path, engine="h5netcdf")
     with xr.open_dataset(path, engine="h5netcdf") as ds:
@@ -61,3 +60,19 @@ def test_flags_and_conventions_survive_the_file(field, tmp_path):
 def test_time_between_frames_must_be_positive(field, dt_s):
     with pytest.raises(PlenoPIVError, match="dt_s"):
         velocity_dataset(field, GRID, dt_s)
+
+
+def test_vectors_in_a_body_are_counted_and_not_called_replaced():
+    """Of six vectors three lie in a body, where nothing is measured, and one of the others was replaced."""
+    values = {
+        "u": [np.nan, 1.0, np.nan, 1.0, 1.0, np.nan],
+        "valid": np.array([0, 1, 0, 0, 1, 0], np.int8),
+        "inside_body": np.array([1, 0, 1, 0, 0, 1], np.int8),
+    }
+    field = xr.Dataset({name: ("x", column) for name, column in values.items()})
+    assert vectors_inside_body(field) == 3
+    assert vectors_inside_body(field.isel(x=slice(0, 3))) == 2
+    assert vectors_inside_body(field.drop_vars("inside_body")) is None
+    assert replaced(field).values.tolist() == [False, False, False, True, False, False]
+    assert replaced_share(field) == pytest.approx(1 / 3)
+    assert replaced_share(field.isel(x=[0, 2])) == 0.0  # all of it inside
