@@ -36,7 +36,7 @@ def _no_warnings():
         pytest.param((400, 520), 8.024, 12.0, marks=pytest.mark.full),
         pytest.param((400, 520), 14.04, 0.0, marks=pytest.mark.full),
         pytest.param((400, 520), 14.04, 0.1, marks=pytest.mark.full),
-        ((400, 520), 14.04, 1.0),
+        pytest.param((400, 520), 14.04, 1.0, marks=pytest.mark.full),
         ((400, 520), 14.04, -29.0),
         pytest.param((600, 500), 28.09, 1.0, marks=pytest.mark.full),
     ],
@@ -58,7 +58,7 @@ def test_centres_over_the_whole_sensor(kind, shape, pitch_px, rotation_deg):
 
 
 @squares
-@pytest.mark.parametrize("pitch_px", [8.0, 28.0])
+@pytest.mark.parametrize("pitch_px", [8.0, pytest.param(28.0, marks=pytest.mark.full)])
 def test_every_lens_at_the_same_sub_pixel_position(kind, pitch_px):
     """A pitch of whole pixels without rotation: what a fit's bias depends on does not average out."""
     shape, offset = (400, 500), (1.3, -2.6)
@@ -75,10 +75,10 @@ def test_every_lens_at_the_same_sub_pixel_position(kind, pitch_px):
         pytest.param({"fill": 0.95}, marks=pytest.mark.full),
         pytest.param({"fill": 0.97}, marks=pytest.mark.full),
         pytest.param({"fill": 0.98}, marks=pytest.mark.full),
-        {"fill": 1.03},
+        pytest.param({"fill": 1.03}, marks=pytest.mark.full),
         pytest.param({"fill": 1.08, "electrons": 1500.0}, marks=pytest.mark.full),
         {"electrons": 60.0},
-        {"falloff": 0.85},
+        pytest.param({"falloff": 0.85}, marks=pytest.mark.full),
         {"dust": 0.1},
     ],
 )
@@ -112,7 +112,8 @@ def test_offset_and_rotation_have_the_sign_of_the_frame(kind):
 
 
 @pytest.mark.parametrize(("kind", "rotation_deg", "reduced_deg"), [
-    ("hexagonal", 40.0, -20.0), ("hexagonal", 75.0, 15.0), ("square", 60.0, -30.0), ("square", -50.0, 40.0),
+    ("hexagonal", 40.0, -20.0), pytest.param("hexagonal", 75.0, 15.0, marks=pytest.mark.full),
+    pytest.param("square", 60.0, -30.0, marks=pytest.mark.full), ("square", -50.0, 40.0),
 ])  # fmt: skip
 def test_rotation_and_offset_are_reduced(kind, rotation_deg, reduced_deg):
     shape, offset = (300, 360), (37.0, -50.0)
@@ -123,7 +124,7 @@ def test_rotation_and_offset_are_reduced(kind, rotation_deg, reduced_deg):
     assert fit.lattice.nearest(0.0, 0.0) == (0, 0)
 
 
-@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+@hexagons
 def test_rows_along_t(kind):
     """A hexagonal lattice with its rows along t is one turned by 30 degrees, of either sign."""
     shape, offset = (300, 360), (2.0, 1.0)
@@ -219,7 +220,7 @@ def test_wrong_kind(kind, stated):
         find_lattice(white, camera_for((300, 400), stated, 14.04))
 
 
-@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+@hexagons
 @pytest.mark.parametrize("factor", [0.52, 0.95, 1.04, 2.0])
 def test_wrong_pitch(kind, factor):
     white = white_image((300, 400), kind, 14.04, 5.0)

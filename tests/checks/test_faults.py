@@ -125,7 +125,11 @@ def test_turns_of_a_square_sensor(recorded, kind, way):
 
 
 @pytest.mark.parametrize(
-    "other", [camera(rotation_rad=0.021, offset_mm=(-0.03, 0.005)), camera(rotation_rad=0.004, offset_mm=(0.03, 0.0))]
+    "other",
+    [
+        camera(rotation_rad=0.021, offset_mm=(-0.03, 0.005)),
+        pytest.param(camera(rotation_rad=0.004, offset_mm=(0.03, 0.0)), marks=pytest.mark.full),
+    ],
 )
 def test_white_image_of_another_camera(recording, other):
     edited(recording, "white", lambda image: white_of(other))
@@ -264,7 +268,7 @@ def test_what_dark_and_background_images_show_is_named():
     assert "up to 200 counts of the first pulse, 100 of the second" in light.words
 
 
-@pytest.mark.parametrize("brightness", [0, 900])
+@pytest.mark.parametrize("brightness", [pytest.param(0, marks=pytest.mark.full), 900])
 def test_a_reflection_in_one_pair(recording, brightness):
     """Half a microlens wide and unsaturated; particles in focus give 200 counts."""
     for name in "ab":

@@ -137,6 +137,7 @@ def test_a_good_recording_ends_with_zero(recorded, tmp_path, capsys, monkeypatch
     assert verdict == f"{file}: good"
 
 
+@pytest.mark.full
 def test_all_frames_are_read_where_asked(recorded, tmp_path, capsys):
     """The second of three pairs is spoilt: a sample passes it by, --all does not."""
     folder = tmp_path / "pairs"

@@ -57,10 +57,10 @@ def of_frames(folder):
     ("frames", "severity", "words"),
     [
         ("0AB3", "good", "successive displacements agree over 4 frames"),
-        ("3BA0", "good", "successive displacements agree over 4 frames"),
+        pytest.param("3BA0", "good", "successive displacements agree over 4 frames", marks=pytest.mark.full),
         ("ABAB", "unusable", "displacements of successive frames alternate"),
-        ("ABA", "warning", "successive displacements are opposite"),
-        ("ABCD", "unusable", "only every second frame has particles in common"),
+        pytest.param("ABA", "warning", "successive displacements are opposite", marks=pytest.mark.full),
+        pytest.param("ABCD", "unusable", "only every second frame has particles in common", marks=pytest.mark.full),
         ("BCDAB", "unusable", "only every second frame has particles in common"),
     ],
 )

@@ -11,10 +11,17 @@ import pytest
 import tifffile
 
 from plenopiv.checks.stamps import Stamp, in_order, stamp
+from plenopiv.recording import formats
 from plenopiv.recording.sources import only_source, sources_of
 
 COUNTS = np.arange(400, dtype=np.uint16).reshape(20, 20)
 NOON = Decimal(1772445600)  # 2026-03-02 10:00:00 UTC
+
+
+@pytest.fixture(autouse=True)
+def without_child(monkeypatch):
+    """A child process tries each HDF5 file, some tenths of a second; damaged ones are tests/hdf5's."""
+    monkeypatch.setattr(formats, "damage", lambda path: "")
 
 
 def tiff(path, text, below=None):

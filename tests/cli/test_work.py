@@ -1,6 +1,7 @@
 """simulate, calibrate and info on good input."""
 
 import numpy as np
+import pytest
 from drafted_recording import edit
 
 from plenopiv.cli import main
@@ -75,6 +76,7 @@ def test_info_of_a_velocity_file_and_of_others(tmp_path, capsys, one_line):
     assert "no such file" in one_line("info", tmp_path / "none.nc")
 
 
+@pytest.mark.full
 def test_simulate_a_jet_and_a_field_from_a_file(folder, tmp_path, one_line):
     """The camera looks at the jet's shear layer; the file lies beside the experiment file."""
     import json

@@ -121,7 +121,10 @@ def inner_errors(particle_pair, uniform_flow, jitter, seeds, **kw):
 
 @pytest.mark.parametrize(
     ("jitter", "rest"),
-    [((0.2, 0.2, 0.2), {}), ((0.1, 0.1, 0.3), {"sigma": (0.8, 0.8, 1.4), "ghosts": 0.3, "lost": 0.2})],
+    [
+        pytest.param((0.2, 0.2, 0.2), {}, marks=pytest.mark.full),
+        ((0.1, 0.1, 0.3), {"sigma": (0.8, 0.8, 1.4), "ghosts": 0.3, "lost": 0.2}),
+    ],
 )
 def test_true_errors_lie_within_the_stated_ones(particle_pair, uniform_flow, jitter, rest):
     error, std = inner_errors(particle_pair, uniform_flow, jitter, range(2), **rest)
@@ -130,6 +133,7 @@ def test_true_errors_lie_within_the_stated_ones(particle_pair, uniform_flow, jit
     assert ((two > 0.89) & (two < 0.995)).all(), two
 
 
+@pytest.mark.full
 def test_twice_the_jitter_is_twice_the_std(particle_pair, uniform_flow):
     _, small = inner_errors(particle_pair, uniform_flow, (0.12, 0.12, 0.12), (5,))
     _, large = inner_errors(particle_pair, uniform_flow, (0.24, 0.24, 0.24), (5,))

@@ -37,7 +37,7 @@ for name, write in writers.items():
     write(folder / name)
     size = (folder / name).stat().st_size
     (folder / name).unlink()
-    for share in (0.0, 0.002, 0.02, 0.1, 0.3, 0.6, 0.9, 0.999):
+    for share in (0.0, 0.002, 0.1, 0.6, 0.999):
         resource.setrlimit(resource.RLIMIT_FSIZE, (int(share * size), resource.RLIM_INFINITY))
         try:
             write(folder / name)

@@ -122,7 +122,7 @@ def damage(path, how):
         path.write_bytes(content)
 
 
-@pytest.mark.parametrize("how", ["flipped", "short", "gone"])
+@pytest.mark.parametrize("how", ["flipped", pytest.param("short", marks=pytest.mark.full), "gone"])
 @pytest.mark.parametrize(
     ("name", "again"),
     [(pair_file(2), [2]), ("velocity.nc", []), ("summary.json", []), ("manifest.jsonl", None)],

@@ -118,6 +118,7 @@ def job(results, first, end, which="same"):
     return subprocess.Popen(command, text=True, cwd=__file__.rsplit("/", 1)[0], **pipes)
 
 
+@pytest.mark.full
 def test_jobs_that_replace_results_do_not_undo_each_other(tmp_path, results):
     """The first one forgets an unfinished run of other inputs; the second one keeps what the first has."""
     session(results, [3], publish=False, overwrite=True, inputs=OTHER)

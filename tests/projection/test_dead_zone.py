@@ -22,7 +22,7 @@ def lenses_in_projection(where, z):
     return np.count_nonzero(projected_point(where, (0.0, 0.0, z)).any(0))
 
 
-@pytest.mark.parametrize("magnification", [-1.0, -0.5])
+@pytest.mark.parametrize("magnification", [pytest.param(-1.0, marks=pytest.mark.full), -0.5])
 @pytest.mark.parametrize("side", [-1, 1])
 def test_a_point_centred_on_a_microlens_first_lights_a_second_one(magnification, side):
     # at 13 pixels a microlens whole pixels touch the rim on the axis; at 14 the light's first pixel is half lit, unseen

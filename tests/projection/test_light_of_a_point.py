@@ -29,7 +29,7 @@ LATTICES = {
 DEPTHS_MM = (-8.0, -4.0, -2.0, -1.0, -0.2, 0.0, 0.2, 1.0, 2.0, 4.0, 8.0)
 PLACES_MM = ((0.003, 0.002), (0.11, -0.07))
 LIMIT = 1e-2
-LATER = ("square, 0.1 deg", "hexagonal", "hexagonal, 0.1 deg")  # of the full set: both lattices are there at more
+LATER = ("square, 0.1 deg", "square, 1 deg", "hexagonal", "hexagonal, 0.1 deg", "hexagonal, rows along y")  # full set
 every_lattice = pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.full) if name in LATER else name for name in LATTICES]
 )

@@ -35,7 +35,7 @@ def random_mask(camera, seed, share=0.3, side=5):
 
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
 @pytest.mark.parametrize("point", POINTS)
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.full)])
 def test_the_share_is_that_of_the_projected_light(kind, point, seed):
     """Against the light of a point, pixel by pixel, in the pixels that are left."""
     camera = small_camera(kind, pmr=8, microlenses=(40, 36))

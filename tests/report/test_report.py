@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from pages import Parsed, everything, example, field, without_figures, write
 from PIL import Image
+from runs import made_once
 
 from plenopiv.accuracy.profile import DepthProfile
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
@@ -25,11 +26,15 @@ def experiment():
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """A report of all that there can be, with its figures beside it: its text and the folder."""
-    folder, experiment = tmp_path_factory.mktemp("whole"), example()
-    profile = DepthProfile(np.arange(3.0), np.ones((3, 3)), np.zeros((3, 3)), np.ones(3, int))
-    measures = {"RMS along z (voxel)": 0.123, "by_depth": profile}
-    given = {"figures_folder": folder / "figures", "accuracy": measures, **everything(experiment)}
-    return write(folder / "report.html", experiment, **given), folder
+
+    def made(folder):
+        experiment = example()
+        profile = DepthProfile(np.arange(3.0), np.ones((3, 3)), np.zeros((3, 3)), np.ones(3, int))
+        measures = {"RMS along z (voxel)": 0.123, "by_depth": profile}
+        given = {"figures_folder": folder / "figures", "accuracy": measures, **everything(experiment)}
+        return write(folder / "report.html", experiment, **given), folder
+
+    return made_once(tmp_path_factory, "whole", made)
 
 
 def test_the_report_stands_alone_and_says_what_it_was_given(whole):
@@ -78,6 +83,7 @@ def test_figures_are_files_too(whole):
             assert b"CreationDate" not in content
 
 
+@pytest.mark.full
 def test_a_field_without_a_single_vector_still_gets_its_report(tmp_path, experiment):
     page = Parsed(write(tmp_path / "report.html", experiment, field(nan=True)))
     assert page.data("field")["criteria"] == {}

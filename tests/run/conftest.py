@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import tifffile
 import tomli_w
-from runs import without_report
+from runs import made_once, without_report
 
 import plenopiv
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
@@ -48,7 +48,7 @@ def record(folder, **options):
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory):
     """The folder of an upright recording of a uniform flow."""
-    return record(tmp_path_factory.mktemp("upright") / "recording").directory
+    return made_once(tmp_path_factory, "upright", lambda folder: record(folder / "recording").directory)
 
 
 @pytest.fixture
@@ -64,14 +64,41 @@ def _without_report(monkeypatch):
 
 
 @pytest.fixture(scope="session")
+def three_pairs(tmp_path_factory):
+    """A folder of three pairs, p1_a.tif to p3_b.tif, and a quick experiment; not to be changed."""
+
+    def made(folder):
+        for k in (1, 2, 3):
+            one = record(folder / "made", seed=k, overwrite=True).directory
+            for pulse in "ab":
+                shutil.copy(one / f"{pulse}.tif", folder / f"p{k}_{pulse}.tif")
+        shutil.copy(one / "white.tif", folder)
+        tables = tomllib.loads((one / "experiment.toml").read_text())
+        tables["recording"].pop("frames")
+        tables["recording"]["pairs"] = "p*_{a,b}.tif"
+        tables["reconstruction"] = {"iterations": 2}
+        (folder / "experiment.toml").write_text(tomli_w.dumps(tables))
+        shutil.rmtree(folder / "made")
+        return folder
+
+    return made_once(tmp_path_factory, "pairs", made)
+
+
+@pytest.fixture(scope="session")
 def upright(recorded, tmp_path_factory):
     """The result of a run with all that may be asked of one: volumes of its frames, and a score; not to be changed."""
-    folder = tmp_path_factory.mktemp("all") / "recording"
-    shutil.copytree(recorded, folder)
-    text = (folder / "experiment.toml").read_text()
-    (folder / "experiment.toml").write_text(text + "volumes = true\n")  # [output] is the last table
-    experiment = plenopiv.load(folder / "experiment.toml")
-    return plenopiv.process(experiment, score=lambda velocity: {"largest w (m/s)": float(velocity.w.max())})
+
+    def made(folder):
+        folder /= "recording"
+        shutil.copytree(recorded, folder)
+        text = (folder / "experiment.toml").read_text()
+        (folder / "experiment.toml").write_text(text + "volumes = true\n")  # [output] is the last table
+        experiment = plenopiv.load(folder / "experiment.toml")
+        with pytest.MonkeyPatch.context() as patch:
+            without_report(patch)
+            return plenopiv.process(experiment, score=lambda velocity: {"largest w (m/s)": float(velocity.w.max())})
+
+    return made_once(tmp_path_factory, "all", made)
 
 
 class Finished(NamedTuple):
@@ -86,17 +113,27 @@ class Finished(NamedTuple):
 @pytest.fixture(scope="session")
 def finished(recorded, tmp_path_factory):
     """The recording run once for all tests that only read what a run leaves; not to be changed."""
-    folder = tmp_path_factory.mktemp("finished") / "recording"
-    shutil.copytree(recorded, folder)
-    experiment = Experiment.load(folder / "experiment.toml")
+
+    def made(folder):
+        shutil.copytree(recorded, folder / "recording")
+        file = folder / "recording" / "experiment.toml"
+        return file, *_run_alone(file)
+
+    file, out, err = made_once(tmp_path_factory, "finished", made)
+    experiment = Experiment.load(file)
+    summary = json.loads((experiment.output_directory / "summary.json").read_text())
+    return Finished(experiment, out, err, summary)
+
+
+def _run_alone(file):
+    """What a run from the command line prints on stdout and stderr."""
     program = "import sys; from plenopiv.cli import main; sys.exit(main(sys.argv[1:]))"
     # by way of a small process: Linux counts what the one before had in memory as the new one's peak
     between = "import subprocess, sys; sys.exit(subprocess.run(sys.argv[1:]).returncode)"
-    command = [sys.executable, "-c", between, sys.executable, "-c", program, "run", str(experiment.path)]
+    command = [sys.executable, "-c", between, sys.executable, "-c", program, "run", str(file)]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert ended.returncode == 0, ended.stderr
-    summary = json.loads((experiment.output_directory / "summary.json").read_text())
-    return Finished(experiment, ended.stdout, ended.stderr, summary)
+    return ended.stdout, ended.stderr
 
 
 def sequence(recorded, folder, names, **recording):
@@ -116,13 +153,17 @@ def sequence(recorded, folder, names, **recording):
 @pytest.fixture(scope="session")
 def masked(recorded, tmp_path_factory):
     """The results of a sequence of three frames, a part of the sensor masked and pixels hot; not to be changed."""
-    folder = tmp_path_factory.mktemp("masked") / "recording"
-    polygon = [[0, 0], [140, 0], [140, 150], [0, 150]]
-    shape = tifffile.imread(recorded / "a.tif").shape
-    dark = np.full(shape, 60, np.uint16)
-    dark[HOT] = 400
-    experiment = sequence(recorded, folder, ["a.tif", "b.tif", "c.tif"], mask=[polygon], dark="dark.tif")
-    tifffile.imwrite(folder / "dark.tif", dark)
-    with pytest.MonkeyPatch.context() as patch:
-        without_report(patch)
-        return plenopiv.process(experiment).directory
+
+    def made(folder):
+        folder /= "recording"
+        polygon = [[0, 0], [140, 0], [140, 150], [0, 150]]
+        shape = tifffile.imread(recorded / "a.tif").shape
+        dark = np.full(shape, 60, np.uint16)
+        dark[HOT] = 400
+        experiment = sequence(recorded, folder, ["a.tif", "b.tif", "c.tif"], mask=[polygon], dark="dark.tif")
+        tifffile.imwrite(folder / "dark.tif", dark)
+        with pytest.MonkeyPatch.context() as patch:
+            without_report(patch)
+            return plenopiv.process(experiment).directory
+
+    return made_once(tmp_path_factory, "masked", made)

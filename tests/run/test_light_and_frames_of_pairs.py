@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import tifffile
 import tomli_w
-from conftest import record
 
 import plenopiv
 from plenopiv.checks import common, explained
@@ -16,25 +15,11 @@ from plenopiv.errors import PlenoPIVError
 pytestmark = pytest.mark.usefixtures("without_report")
 
 
-@pytest.fixture(scope="module")
-def two_pairs(tmp_path_factory):
-    """Files of two pairs, p1_a.tif to p2_b.tif, and a quick experiment."""
-    folder = tmp_path_factory.mktemp("pairs")
-    for k in (1, 2):
-        made = record(folder / "made", seed=k, overwrite=True).directory
-        for pulse in "ab":
-            shutil.copy(made / f"{pulse}.tif", folder / f"p{k}_{pulse}.tif")
-    shutil.copy(made / "white.tif", folder)
-    tables = tomllib.loads((made / "experiment.toml").read_text())
-    tables["recording"] = {k: v for k, v in tables["recording"].items() if k != "frames"} | {"pairs": "p*_{a,b}.tif"}
-    tables["reconstruction"] = {"iterations": 3}
-    (folder / "experiment.toml").write_text(tomli_w.dumps(tables))
-    return folder
-
-
 @pytest.fixture
-def folder(two_pairs, tmp_path):
-    shutil.copytree(two_pairs, tmp_path / "run")
+def folder(three_pairs, tmp_path):
+    """Two of the pairs."""
+    shutil.copytree(three_pairs, tmp_path / "run", ignore=shutil.ignore_patterns("p3_*"))
+    changed(tmp_path / "run", "reconstruction", iterations=3)
     return tmp_path / "run"
 
 
@@ -56,6 +41,7 @@ def test_nothing_is_said_of_good_pairs(folder):
 
 
 def test_a_volume_cut_in_depth(folder):
+    changed(folder, "recording", pairs=[["p1_a.tif", "p1_b.tif"]])
     with pytest.warns(plenopiv.PlenoPIVWarning, match=r"of the light's contrast in p1_a.tif is not that of particles"):
         result = plenopiv.process(changed(folder, "volume", z_mm=[-0.8, 0.8]))
     (found,) = [one for one in result.summary["findings"] if one["name"] == "unexplained-light"]
@@ -72,6 +58,7 @@ def test_a_volume_smaller_than_the_field_of_view_is_no_fault(folder):
     assert "unexplained-light" not in [one["name"] for one in summary["findings"]]
 
 
+@pytest.mark.full
 def test_frames_of_two_pairs_are_set_aside(folder):
     shutil.copy(folder / "p1_b.tif", folder / "p2_b.tif")
     image = tifffile.imread(folder / "p2_b.tif").astype(float)

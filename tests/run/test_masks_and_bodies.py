@@ -85,6 +85,7 @@ def test_what_is_no_mask_is_said_in_one_line(experiment, mask):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.full
 def test_check_does_not_measure_masked_pixels(experiment):
     """Half of the first frame is at full scale, and masked."""
     counts = tifffile.imread(experiment.folder / "a.tif")

@@ -2,13 +2,10 @@
 
 import json
 import shutil
-import tomllib
 
 import numpy as np
 import pytest
 import tifffile
-import tomli_w
-from conftest import record
 
 import plenopiv
 from plenopiv.cli import main
@@ -16,23 +13,6 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 
 pytestmark = pytest.mark.usefixtures("without_report")
-
-
-@pytest.fixture(scope="module")
-def three_pairs(tmp_path_factory):
-    """Files of three pairs, p1_a.tif to p3_b.tif, and a quick experiment."""
-    folder = tmp_path_factory.mktemp("pairs")
-    for k in (1, 2, 3):
-        made = record(folder / "made", seed=k, overwrite=True).directory
-        for pulse in "ab":
-            shutil.copy(made / f"{pulse}.tif", folder / f"p{k}_{pulse}.tif")
-    shutil.copy(made / "white.tif", folder)
-    tables = tomllib.loads((made / "experiment.toml").read_text())
-    tables["recording"] = {k: v for k, v in tables["recording"].items() if k != "frames"} | {"pairs": "p*_{a,b}.tif"}
-    tables["reconstruction"] = {"iterations": 2}
-    (folder / "experiment.toml").write_text(tomli_w.dumps(tables))
-    shutil.rmtree(folder / "made")
-    return folder
 
 
 @pytest.fixture
