@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 class Board:
     """White dots in rows along x and y, ``pitch_mm`` apart, ``dot_mm`` wide. The one of ``origin_dot_mm`` is x = y = 0,
     its neighbour along +x is ``x_dot_mm`` wide; None: that dot is as wide as the others, and +x is to the right in an
-    upright image. ``step_mm``: of a target with two levels, by how much the dots of every other row lie nearer to the
-    camera (negative: farther), the origin's row being on the plane's z; 0 for a flat one."""
+    upright image. ``step_mm``: of a target with two levels, by how much the columns of odd numbers lie farther from the
+    camera than the origin's, whose z is the plane's; 0 for a flat one."""
 
     pitch_mm: float
     dot_mm: float
@@ -31,7 +31,7 @@ class Board:
 
     def places_mm(self, number: NDArray[np.int64], z_mm: float) -> NDArray[np.float64]:
         """Where the dots of ``number`` (n, 2), along x and y, are in the laboratory, (n, 3), the target at ``z_mm``."""
-        z = z_mm + self.step_mm * (number[:, 1] % 2)
+        z = z_mm - self.step_mm * (number[:, 0] % 2)
         return np.column_stack([self.pitch_mm * number, z])
 
 

@@ -17,7 +17,7 @@ from plenopiv.lattice import LatticeKind
 
 BEYOND = 1.5  # cells beyond the disc's rim that the table reaches, and a fit takes, for the ground
 STEP = 1 / 24  # of the table, cells
-FINE = 5  # points to a step where disc and cell are laid out
+FINE = 4  # points to a step where disc and cell are laid out; even, so that none falls on an edge
 
 
 @dataclass(frozen=True)
