@@ -95,8 +95,8 @@ def _spots(picture: NDArray, step_mm: float, board: Board) -> tuple[NDArray, NDA
     heights = height[tuple(at.T)]
     typical = float(np.median(heights[heights > BRIGHT * np.percentile(heights, 95)]))
     at = at[heights > BRIGHT * typical]
-    noise = 1.48 * float(np.median(np.abs(height - np.median(height))))
-    if typical - float(np.median(height)) < CONTRAST * max(noise, 1e-9):
+    low, ground_level = np.percentile(height, [5, 30])  # below most dots, however densely they stand
+    if typical - ground_level < CONTRAST * max(float(ground_level - low) / 1.12, 1e-9):
         return None
     rows, columns = np.mgrid[: picture.shape[0], : picture.shape[1]]
     light, centre = np.empty(len(at)), np.empty((len(at), 2))
