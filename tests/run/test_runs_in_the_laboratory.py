@@ -23,6 +23,7 @@ from plenopiv.report.document import page
 from plenopiv.run import space as of_experiment
 from plenopiv.run.compared import compare
 from plenopiv.run.kept import KeptVolumes
+from plenopiv.run.light_field_images import depths
 from plenopiv.run.preview import cropped, preview
 from plenopiv.run.space import check_view
 
@@ -151,6 +152,17 @@ def test_results_of_two_frames_are_not_compared(results, tmp_path):
     results.velocity.assign_attrs(frame="camera").to_netcdf(other, engine="h5netcdf")
     with pytest.raises(PlenoPIVError, match=r"frame of the laboratory, .* in that of the camera"):
         compare(results.directory, other)
+
+
+def test_depths_of_refocused_pictures_are_the_camera_s(folder):
+    found = depths(Experiment.load(folder / "experiment.toml"))
+    assert -2 / N < found[0] < found[-1] < 2 / N  # of 28 to 32 mm in the laboratory
+
+
+@pytest.mark.full
+def test_a_recording_of_the_laboratory_is_checked(folder, capsys):
+    assert main(["check", str(folder / "experiment.toml")]) == 0
+    assert "experiment.toml: good\n" in capsys.readouterr().out
 
 
 def test_a_preview_lies_about_the_optical_axis(folder):
