@@ -1,4 +1,4 @@
-"""Which mutants the campaign tries: five named ones, and some drawn by a seed from the measuring chain, area by area.
+"""Which mutants the campaign tries: seven named ones, and some drawn by a seed from the measuring chain, area by area.
 
 Files move while the project changes, so areas are patterns. The draw orders the spots of an area by a hash of seed,
 file name, function, kind and number: an edit elsewhere does not change what is drawn.
@@ -59,6 +59,13 @@ NAMED = [
     ),
     ("LIT_SHARE 0.5 to 0.2", "lightfield.py", "LIT_SHARE = 0.5", "LIT_SHARE = 0.2"),
     ("FOREIGN_SHARE times 10", "lightfield.py", "FOREIGN_SHARE = 0.001", "FOREIGN_SHARE = 0.01"),
+    (
+        "smoothing of volumes 0.8 to 0.3",
+        "displacement/settings.py",
+        "smoothing_voxels: float = 0.8",
+        "smoothing_voxels: float = 0.3",
+    ),
+    ("ACROSS 7 to 3", "projection/plenoptic/plane_maps/maps.py", "ACROSS = 7.0", "ACROSS = 3.0"),
     (
         "predicted time divided by ten",
         "run/duration.py",

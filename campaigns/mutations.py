@@ -1,6 +1,6 @@
 """Mutation campaign: would the quick tests notice a wrong sign, constant, comparison or axis?
 
-Sixty-five mutants of the measuring chain, five of them named and sixty drawn by a seed, are tried one at a time in a
+Sixty-seven mutants of the measuring chain, seven of them named and sixty drawn by a seed, are tried one at a time in a
 copy of the project, outside the working tree: first the tests nearest to the mutated file, then all other quick ones,
 up to the first that fails. A mutant that no test fails on has survived. Then either a test is missing, or the mutant
 changes nothing that matters: such are listed by hand, with the reason, in equivalent_mutants.toml.
