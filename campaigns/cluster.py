@@ -10,6 +10,7 @@ sources is measured again.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import random
@@ -109,6 +110,7 @@ def with_scheduler_killed(folder: Path, undisturbed: dict[str, object]) -> dict[
 
 def main() -> None:
     """Run what is not recorded yet; exit 1 where results differ."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     state = {"sources": sources_hash(), "pairs": PAIRS}
     found = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
     if {key: found.get(key) for key in state} != state:

@@ -1,4 +1,5 @@
-"""Kills: a run of 20 pairs is killed at a moment drawn by chance, and again, until one comes to its end.
+"""Kills: a run of 20 pairs is killed at a moment drawn by chance, and again, until one comes to its end. Every third
+folder keeps the volumes of its frames too (output.volumes = true).
 
 At the end the results must be those of an undisturbed run, and what was computed twice at most what was in work.
 """
@@ -16,18 +17,20 @@ from series_runs import SEED, Series
 
 AGAIN = 0.85  # of the resumed runs are killed too
 PUBLISHING = 0.3  # of the kills wait until all pairs are measured: the last seconds are the most delicate
+STEPS, WITH_VOLUMES = 130, 210  # of the work on files then
 
 
 def tried(series: Series, number: int) -> dict[str, Any]:
     """One folder: killed once or more, then ended. ``kills``: moments, s, and how many pairs were kept then."""
-    rng = np.random.default_rng([SEED, 2, number])
+    rng, volumes = np.random.default_rng([SEED, 2, number]), number % 3 == 2
+    series = series.with_volumes() if volumes else series
     series.clear()
     kills, again, why = [], [], []
     frames, pairs, shown, in_work, begun = [], [], 0, 0, False
     while not kills or rng.random() < AGAIN:
         kept = series.finished() if series.results.is_dir() else set()
         if rng.random() < PUBLISHING:
-            ended, moment = _while_moving(series, int(rng.integers(1, 130)))
+            ended, moment = _while_moving(series, int(rng.integers(1, WITH_VOLUMES if volumes else STEPS)))
         else:
             left = series.seconds * (1 - 0.6 * len(kept) / series.pairs)
             moment = float(rng.uniform(0, left))
@@ -50,7 +53,8 @@ def tried(series: Series, number: int) -> dict[str, Any]:
     twice = {"frames": len(frames) - 2 * series.pairs, "pairs": len(pairs) - series.pairs}
     if twice["pairs"] > len(kills) or twice["frames"] > 2 * len(kills):
         why.append(f"more than one pair a kill was computed twice: {twice}")
-    return {"kills": kills, "twice": twice, "for_pictures": shown, "in_work": in_work, "why": why}
+    counted = {"kills": kills, "twice": twice, "for_pictures": shown, "in_work": in_work}
+    return counted | {"volumes": volumes, "why": why}
 
 
 def _while_moving(series: Series, step: int) -> tuple[Any, str]:

@@ -233,14 +233,31 @@ class Series:
     wanted: dict[str, bytes]
     seconds: float
     pairs: int
+    _with_volumes: Series | None = None
 
     @classmethod
     def made(cls, folder: Path, pairs: int) -> Series:
         """Simulated, and measured twice: the first run may compile."""
         load()
         in_a_child(lambda: make_recording(folder / "recording", pairs))
-        series = cls(folder, {}, 0.0, pairs)
-        for _ in range(2):
+        return cls(folder, {}, 0.0, pairs).measured(2)
+
+    def with_volumes(self) -> Series:
+        """The same recording in a folder of its own, of which the volumes are kept (output.volumes = true)."""
+        if self._with_volumes is None:
+            folder = self.folder.with_name(f"{self.folder.name}-volumes")
+            shutil.copytree(self.results.parent, folder / "recording", ignore=shutil.ignore_patterns("results"))
+            file = folder / "recording" / "experiment.toml"
+            file.write_text(file.read_text().replace("volumes = false", "volumes = true"))
+            self._with_volumes = Series(folder, {}, 0.0, self.pairs).measured(1)
+            if not any(name.startswith("volume-") for name in self._with_volumes.wanted):
+                raise RuntimeError("no volumes were kept")
+        return self._with_volumes
+
+    def measured(self, times: int) -> Series:
+        """This, with what an undisturbed run leaves, and the seconds of the last one."""
+        pairs, series = self.pairs, self
+        for _ in range(times):
             series.clear()
             ended = series.run()
             if ended.status not in (0, 3) or sorted(ended.frames) != list(range(2 * pairs)):

@@ -93,10 +93,13 @@ def _kills(cases: Cases) -> str:
     publishing = sum(isinstance(kill["at"], str) for kill in kills)
     again = sum("measured again" in str(case["why"]) for case in cases.values())
     early = sum(kill["kept"] < PAIRS for kill in kills)
+    with_volumes = [case for case in cases.values() if case.get("volumes")]
+    killed_with = sum(len(case["kills"]) for case in with_volumes)
     rows = [
         f"| kills | {len(kills)} |",
         f"| of these before all pairs were measured, at a step of putting in place | {early}, {publishing} |",
         f"| folders, all of them as undisturbed at the end | {len(cases)}, {_good(cases)} |",
+        f"| kills, folders with output.volumes = true | {killed_with}, {len(with_volumes)} |",
         f"| pairs whose measurement was begun and cut off | {_sum(cases, 'in_work')} |",
         f"| pairs begun twice | {sum(case['twice']['pairs'] for case in cases.values())} |",
         f"| frames reconstructed twice | {sum(case['twice']['frames'] for case in cases.values())} |",
