@@ -139,6 +139,7 @@ def test_a_body_is_where_its_coordinates_say(experiment, axis):
     np.testing.assert_array_equal(along, solid.block[2 - axis] * (np.arange(along.size) + 0.5) > middle)
 
 
+@pytest.mark.full
 def test_bodies_that_cannot_be(experiment, without_report):
     def complaint(low, high):
         name = box(experiment, low, high)

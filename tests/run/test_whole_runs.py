@@ -122,6 +122,7 @@ def test_an_exposure_without_particles_is_named_and_nothing_is_written(experimen
     assert not experiment.output_directory.exists()
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("without_report")
 def test_saturated_frames_and_large_displacements_are_warned_about_and_kept(experiment):
     image = tifffile.imread(experiment.folder / "a.tif")
