@@ -165,10 +165,16 @@ class Chain:
             )
         weights, masks = self.reconstruction.weights, self.unusable or (None,) * len(plenoptic)
         projectors = [
-            PlenopticProjector(layout(camera, masked), pose.grid(grid), weights)
+            self._projector(layout(camera, masked), pose.grid(grid), weights)
             for camera, pose, masked in zip(plenoptic, self.poses, masks, strict=True)
         ]
         return projectors[0] if self.poses == (FRONT,) else SeveralCameras(grid, projectors, self.poses)
+
+    def _projector(self, where: Layout, grid: VoxelGrid, weights: str) -> PlenopticProjector:
+        """Of one camera, with what ``space`` leaves of its views."""
+        left, portion = None if self.space is None else self.space.left, where.camera.portion_mm
+        shifts = None if left is None else left.of_views(where.offsets * (portion, -portion))
+        return PlenopticProjector(where, grid, weights, shifts=shifts)
 
     @cached_property
     def _whole(self) -> Projection | None:

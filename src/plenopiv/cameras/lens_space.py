@@ -7,7 +7,7 @@ from view to view, as spherical aberration does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot
 
 import numpy as np
@@ -16,11 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.ray_model import RayModel, on_disc
-from plenopiv.cameras.space_map import SpaceMap
+from plenopiv.cameras.space_map import SpaceMap, ViewShift
 from plenopiv.volume import Limits
 
 RAYS = 61  # over the aperture
 POINTS = (9, 9, 13)  # along x, y and z, where a map is fitted
+LEAST_LEFT = 1e-3  # of a pitch: rays that miss those of a thin lens by less are taken for them
 MARGIN = 0.05  # of the volume's sides, by which the map reaches beyond it
 
 
@@ -76,7 +77,14 @@ def behind_window(camera: PlenopticCamera, medium: Medium) -> RayModel:
 def space_map(model: RayModel, camera: PlenopticCamera, laboratory: Limits) -> SpaceMap:
     """The map between a volume of the laboratory, outer faces ``laboratory``, and the lens space of ``camera``."""
     points = sample(laboratory)
-    return SpaceMap.fitted(points, images_of(points, model, camera).place_mm)
+    images = images_of(points, model, camera)
+    found = SpaceMap.fitted(points, images.place_mm)
+    if np.abs(images.left_mm).max() < LEAST_LEFT * camera.lattice.pitch_mm:
+        return found
+    half = 0.5 * camera.sensor.pixel_pitch_mm * np.array([camera.sensor.columns, camera.sensor.rows])
+    on_sensor = (np.abs(images.s_mm) < half + camera.lattice.pitch_mm).all(-1)
+    left = ViewShift.fitted(images.u_mm[on_sensor], images.s_mm[on_sensor], images.left_mm[on_sensor])
+    return replace(found, left=left)
 
 
 def sample(laboratory: Limits) -> NDArray[np.float64]:

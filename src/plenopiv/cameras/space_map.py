@@ -71,14 +71,53 @@ class Polynomial:
 
 
 @dataclass(frozen=True)
+class ViewShift:
+    """How far the light of a view falls beside that of a thin lens, on the microlens plane, as spherical aberration
+    makes it: polynomials of total degree ``degree`` in the view's place (u, v) on the main lens, in units of ``u_mm``,
+    and the place (s, t) on the microlens plane, in units of ``s_mm``.
+
+    ``coefficients_mm`` (terms, 2): of ds and dt.
+    """
+
+    u_mm: float
+    s_mm: float
+    degree: int
+    coefficients_mm: tuple[tuple[float, float], ...]
+
+    @classmethod
+    def fitted(cls, u_mm: ArrayLike, s_mm: ArrayLike, left_mm: ArrayLike, degree: int = DEGREE) -> ViewShift:
+        """The polynomials nearest to ``left_mm`` (n, 2) at places ``u_mm`` and ``s_mm`` (n, 2)."""
+        u, s, left = (np.asarray(v, float) for v in (u_mm, s_mm, left_mm))
+        units = float(np.abs(u).max()), float(np.abs(s).max())
+        found = np.linalg.lstsq(_of_view_and_place(u / units[0], s / units[1], degree), left, rcond=1e-12)[0]
+        return cls(*units, degree, tuple((float(a), float(b)) for a, b in found))
+
+    def __call__(self, u_mm: ArrayLike, s_mm: ArrayLike) -> NDArray[np.float64]:
+        """(ds, dt) in mm at places (n, 2) of the main lens and (n, 2) of the microlens plane."""
+        u, s = np.asarray(u_mm, float) / self.u_mm, np.asarray(s_mm, float) / self.s_mm
+        return _of_view_and_place(u, s, self.degree) @ np.array(self.coefficients_mm)
+
+    def of_views(self, u_mm: ArrayLike) -> NDArray[np.float32]:
+        """Of views at ``u_mm`` (views, 2) the nearest sums of 1, s, t, s^2, s t, t^2, s and t in mm: (views, 6, 2)."""
+        axis = np.linspace(-self.s_mm, self.s_mm, 9)
+        places = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2)
+        s, t = places.T
+        terms = np.linalg.pinv(np.stack([np.ones_like(s), s, t, s * s, s * t, t * t], 1))
+        views = np.asarray(u_mm, float)
+        return np.array([terms @ self(np.tile(view, (len(places), 1)), places) for view in views], np.float32)
+
+
+@dataclass(frozen=True)
 class SpaceMap:
     """The map between laboratory and lens space, both in mm; right within the volume that it was fitted on.
 
-    Arrays (..., 3) hold x, y, z in their last axis.
+    Arrays (..., 3) hold x, y, z in their last axis. ``left``: what no map of space holds, as it differs between views;
+    None where that is nothing.
     """
 
     to_lens: Polynomial
     to_laboratory: Polynomial
+    left: ViewShift | None = None
 
     @classmethod
     def fitted(cls, laboratory_mm: ArrayLike, lens_mm: ArrayLike, degree: int = DEGREE) -> SpaceMap:
@@ -111,6 +150,14 @@ def _monomials(points: NDArray, degree: int, derivative: int | None = None) -> N
         column = points[:, axis : axis + 1]
         out *= power * column ** np.maximum(power - 1, 0) if axis == derivative else column**power
     return out
+
+
+def _of_view_and_place(u: NDArray, s: NDArray, degree: int) -> NDArray[np.float64]:
+    """All monomials (n, terms) of total degree up to ``degree`` in u, v, s and t, each (n, 2)."""
+    values = np.concatenate([u, s], 1)
+    every = [p for p in product(range(degree + 1), repeat=4) if sum(p) <= degree]
+    of = np.stack([values**p for p in range(degree + 1)])
+    return np.stack([of[a, :, 0] * of[b, :, 1] * of[c, :, 2] * of[d, :, 3] for a, b, c, d in every], 1)
 
 
 def _three(values: NDArray) -> tuple[float, float, float]:

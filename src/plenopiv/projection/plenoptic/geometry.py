@@ -120,14 +120,43 @@ class CameraOnGrid:
 
     ``cam``, ``planes`` (nz, 14): the constants (``CameraConstants``, ``planes``). ``lens_mm`` (lens, 2): centres of the
     microlenses, s and t. ``rim`` (view,): the views with pixels that the aperture's rim cuts.
+
+    ``shifts`` (view, 6, 2): by how far light falls beside that of a thin lens in each view, (s, t) on the microlens
+    plane in mm as sums of 1, s, t, s^2, s t, t^2, s and t in mm; None for a thin lens.
     """
 
-    def __init__(self, layout: Layout, grid: VoxelGrid):
-        self.layout, self.grid = layout, grid
+    def __init__(self, layout: Layout, grid: VoxelGrid, shifts: NDArray[np.float32] | None = None):
+        self.layout, self.grid, self.shifts = layout, grid, shifts
         self.cam, self.planes = camera_constants(layout.camera, grid), planes(layout.camera, grid)
         self.lens_mm = lenses_mm(layout)
         m, n = np.abs(layout.offsets).T
         self.rim = np.hypot(m + 1.05, n + 1.05) > layout.camera.aperture_radius_px  # phase and drift move it by 0.55
+
+    def places_mm(self, view: int | np.int64) -> NDArray[np.float32]:
+        """Centres of the microlenses (lens, 2) as a view sees them: light that falls beside its place is taken for that
+        of a thin lens under a microlens beside its own place."""
+        if self.shifts is None:
+            return self.lens_mm
+        s, t = self.lens_mm.T
+        out, one = self.lens_mm.copy(), np.ones_like(s)
+        for (ds, dt), term in zip(self.shifts[view], (one, s, t, s * s, s * t, t * t), strict=True):
+            out[:, 0] -= ds * term
+            out[:, 1] -= dt * term
+        return out
+
+    def lenses_moved(self, view: int | np.int64) -> tuple[NDArray[np.float32], np.float32]:
+        """How far each microlens is from its place on the regular lattice in a view, (lens, 2), along and across the
+        rows, in pitches, and the most that this changes from one lens to the next; (1, 2) of 0 for a regular array."""
+        lattice, layout = self.layout.camera.lattice, self.layout
+        if lattice.map is None and self.shifts is None:
+            return np.zeros((1, 2), np.float32), np.float32(0)
+        j, i = np.mgrid[layout.j0 : layout.j0 + layout.nj, layout.i0 : layout.i0 + layout.ni]
+        s, t = lattice.regular_centres(i, j)
+        ds, dt = np.moveaxis(self.places_mm(view).reshape(*s.shape, 2), -1, 0) - np.stack([s, t])
+        c, sine = cos(lattice.rotation_rad) / lattice.pitch_mm, sin(lattice.rotation_rad) / lattice.pitch_mm
+        moved = np.stack([c * ds + sine * dt, c * dt - sine * ds], -1)
+        change = max(float(np.linalg.norm(np.diff(moved, axis=axis), axis=-1).max(initial=0.0)) for axis in (0, 1))
+        return moved.reshape(-1, 2).astype(np.float32), np.float32(1.5 * change)
 
     def column(self, *names: str) -> NDArray[np.float32]:
         """``column_of`` its planes."""
@@ -145,10 +174,11 @@ class CameraOnGrid:
         """Where the central rays of a view's pixels cross the first and the last plane: columns and rows, each (2,
         lens), in voxels. In between they are straight."""
         (m, n), layout, found = self.layout.offsets[view], self.layout, []
+        s, t = self.places_mm(view).T
         for k in (0, -1):
             plane = Plane(*self.planes[k].astype(np.float64))
-            column = plane.voxel_s * self.lens_mm[:, 0] + plane.step_x * (m - layout.phase[:, 0]) - self.cam.x0
-            row = plane.voxel_t * self.lens_mm[:, 1] + plane.step_y * (layout.phase[:, 1] - n) - self.cam.y0
+            column = plane.voxel_s * s + plane.step_x * (m - layout.phase[:, 0]) - self.cam.x0
+            row = plane.voxel_t * t + plane.step_y * (layout.phase[:, 1] - n) - self.cam.y0
             found.append((column, row))
         columns, rows_of_voxels = zip(*found, strict=True)
         return np.stack(columns), np.stack(rows_of_voxels)
@@ -158,17 +188,3 @@ def lenses_mm(layout: Layout) -> NDArray[np.float32]:
     """Centres of the microlenses, (lens, 2), s and t."""
     j, i = np.mgrid[layout.j0 : layout.j0 + layout.nj, layout.i0 : layout.i0 + layout.ni]
     return np.stack(layout.camera.lattice.centres(i.ravel(), j.ravel()), -1).astype(np.float32)
-
-
-def lenses_moved(layout: Layout) -> tuple[NDArray[np.float32], np.float32]:
-    """How far the array moves each microlens from its place on the regular lattice, (lens, 2), along and across the
-    rows, in pitches, and the most that this changes from one lens to the next; (1, 2) of 0 for a regular array."""
-    lattice = layout.camera.lattice
-    if lattice.map is None:
-        return np.zeros((1, 2), np.float32), np.float32(0)
-    j, i = np.mgrid[layout.j0 : layout.j0 + layout.nj, layout.i0 : layout.i0 + layout.ni]
-    ds, dt = lattice.map.displacement(*lattice.regular_centres(i, j))
-    c, s = cos(lattice.rotation_rad) / lattice.pitch_mm, sin(lattice.rotation_rad) / lattice.pitch_mm
-    moved = np.stack([c * ds + s * dt, c * dt - s * ds], -1)
-    change = max(float(np.linalg.norm(np.diff(moved, axis=axis), axis=-1).max(initial=0.0)) for axis in (0, 1))
-    return moved.reshape(-1, 2).astype(np.float32), np.float32(1.5 * change)

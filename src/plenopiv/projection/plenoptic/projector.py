@@ -36,12 +36,19 @@ class PlenopticProjector:
 
     ``weights``: "1-ray" (the centre of each pixel's portion of the main lens), "9-rays", "exact" areas by maps of each
     plane (``plane_maps``) with ``across`` points across a footprint, or "polygons", the same areas voxel by voxel and
-    lens by lens (``by_voxel``): slower, the reference of the maps.
+    lens by lens (``by_voxel``): slower, the reference of the maps. ``shifts``: of each view, as ``CameraOnGrid``.
     """
 
-    def __init__(self, layout: Layout, grid: VoxelGrid, weights: str = "exact", across: float = ACROSS):
+    def __init__(
+        self,
+        layout: Layout,
+        grid: VoxelGrid,
+        weights: str = "exact",
+        across: float = ACROSS,
+        shifts: NDArray[np.float32] | None = None,
+    ):
         self.layout, self.grid, self.weights, self.across = layout, grid, weights, across
-        self.rule, self.camera = RULES[weights], CameraOnGrid(layout, grid)
+        self.rule, self.camera = RULES[weights], CameraOnGrid(layout, grid, shifts)
         self._equations: NDArray[np.bool_] | None = None  # of a tile; all that the layout has otherwise
         self.images: MappedViews | ViewsByVoxel = (
             MappedViews(self.camera, across) if weights == "exact" else ViewsByVoxel(self.camera, self.rule)
@@ -144,13 +151,15 @@ class PlenopticProjector:
         rows = self.grid.shape[1]
         if (low, high) == (0, rows):
             return self
-        part = PlenopticProjector(self.layout, self.grid.y_range(low, high), self.weights, self.across)
+        part = PlenopticProjector(
+            self.layout, self.grid.y_range(low, high), self.weights, self.across, self.camera.shifts
+        )
         part._equations = part._rays_within(0 if low else -np.inf, high - low if high < rows else np.inf)
         return part
 
     def whole(self) -> PlenopticProjector:
         """The same, were all pixels usable."""
-        return PlenopticProjector(self.layout.whole(), self.grid, self.weights, self.across)
+        return PlenopticProjector(self.layout.whole(), self.grid, self.weights, self.across, self.camera.shifts)
 
     @property
     def lost_share(self) -> float:

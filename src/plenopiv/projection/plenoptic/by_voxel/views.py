@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from plenopiv.projection.correction import correct
 from plenopiv.projection.plenoptic.by_voxel.kernels import project
-from plenopiv.projection.plenoptic.geometry import CameraOnGrid, lenses_moved
+from plenopiv.projection.plenoptic.geometry import CameraOnGrid
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume
 
@@ -25,7 +25,7 @@ class ViewsByVoxel:
     def __init__(self, camera: CameraOnGrid, rule: int):
         self.camera, self.layout, self.rule = camera, camera.layout, rule
         self._box = (self.layout.i0, self.layout.j0, self.layout.ni, self.layout.nj)
-        self._moved, self._change = lenses_moved(self.layout)
+        self._moved = camera.lenses_moved(0)
 
     def forward(self, views: NDArray[np.int64], volume: SparseVolume) -> NDArray[np.float32]:
         """The volume's light in each of ``views``, (views, lens); 0 where the pixel is no equation."""
@@ -63,7 +63,8 @@ class ViewsByVoxel:
         scatter: bool,
     ) -> None:
         m, n = self.layout.offsets[view].astype(np.float32)
-        lenses = self._box, self.layout.phase, self._moved, self._change
+        moved = self._moved if self.camera.shifts is None else self.camera.lenses_moved(view)
+        lenses = self._box, self.layout.phase, *moved
         constants = self.camera.cam, *lenses, self.camera.planes, self.camera.grid.shape[1]
         pixels = self.rule, bool(self.camera.rim[view]), m, n, self.layout.fill[view]
         listed = volume.row_chunks(chunks), volume.row_start, volume.column, volume.values

@@ -150,7 +150,7 @@ def rule_out(
     rim: NDArray[np.bool_],
     offsets: NDArray[np.int32],
     order: NDArray[np.int64],
-    lens_mm: NDArray[np.float32],
+    places_mm: NDArray[np.float32],
     phase: NDArray[np.float32],
     fill: NDArray[np.float32],
     bound: NDArray[np.float32],
@@ -162,12 +162,13 @@ def rule_out(
 
     Of planes ``turns[begin:end]``. ``alive``: uint8 (planes, ny, nx + LANES), 1 for voxels not ruled out. ``table`` and
     ``largest`` (planes,), the largest weight, are those of its planes. ``particle``: light of a particle in counts, all
-    pixels together. ``blur`` (planes,): cells that half a voxel in depth moves a footprint, per pixel of q. A voxel's
+    pixels together. ``places_mm`` (views, lens, 2): where the microlenses are in each view; (1, lens, 2) where that is
+    the same in all. ``blur`` (planes,): cells that half a voxel in depth moves a footprint, per pixel of q. A voxel's
     weight is the least over the places within it (for exact areas). A pixel that the aperture's rim cuts is taken as in
     ``plane_maps.view_pixels``. Views are tried in ``order``.
     """
     _, ny, nx = alive.shape
-    alive, bound, lens_mm, phase = borrowed((alive, bound, lens_mm, phase))
+    alive, bound, places_mm, phase = borrowed((alive, bound, places_mm, phase))
     for k in turns[begin:end]:
         weight, left = np.empty(nx + LANES, np.float32), np.empty(((ny - 1) // TOGETHER + 1, nx), np.uint8)
         plane, where = plane_of(table, k), alive[k]
@@ -183,7 +184,8 @@ def rule_out(
             if tried % TOGETHER == 0:
                 summarise(where, left)
             m, n = F(offsets[view, 0]), F(offsets[view, 1])
-            for lens in range(lens_mm.shape[0]):
+            seen_in = view if places_mm.shape[0] > 1 else np.int64(0)
+            for lens in range(places_mm.shape[1]):
                 limit = max(bound[view, lens] / counts, least)
                 if limit >= largest[k]:
                     continue
@@ -195,7 +197,7 @@ def rule_out(
                     limit /= max(lit, F(1e-3))
                     if limit >= largest[k]:
                         continue
-                cx, cy = footprint_centre(cam, plane, lens_mm[lens, 0], lens_mm[lens, 1], qx, qy)
+                cx, cy = footprint_centre(cam, plane, places_mm[seen_in, lens, 0], places_mm[seen_in, lens, 1], qx, qy)
                 i0, i1 = max(floor_of(cx - reach_x) + 1, 0), min(floor_of(cx + reach_x) + 1, nx - LANES)
                 j0, j1 = max(floor_of(cy - reach_y) + 1, 0), min(floor_of(cy + reach_y) + 1, ny)
                 if i0 >= i1 or j0 >= j1:

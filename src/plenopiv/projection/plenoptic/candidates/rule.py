@@ -52,7 +52,10 @@ def candidate_planes(
     move = camera.column("move")
     blur = 0.5 * np.abs(np.gradient(move)) if move.size > 1 else np.zeros(1)
     whole = order[~camera.rim[order]]
-    pixels = where.offsets, order, camera.lens_mm, where.phase, where.fill, most, np.float32(particle)
+    places = camera.lens_mm[None]
+    if camera.shifts is not None:
+        places = np.stack([camera.places_mm(view) for view in range(where.views)])
+    pixels = where.offsets, order, places, where.phase, where.fill, most, np.float32(particle)
     nz, ny, nx = grid.shape
     visible = camera.visible_planes()
     for lo in range(0, nz, SLAB):

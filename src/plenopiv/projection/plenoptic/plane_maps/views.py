@@ -33,13 +33,13 @@ class MappedViews:
 
     def __init__(self, camera: CameraOnGrid, across: float):
         self.layout, self.grid, self.rim = camera.layout, camera.grid, camera.rim
-        self.cam, self.planes, self.lens_mm = camera.cam, camera.planes, camera.lens_mm
+        self.cam, self.planes, self.camera = camera.cam, camera.planes, camera
         self.maps = plane_maps(self.cam, self.planes, self.grid.shape, across)
         self.workspace = kernels.workspace_size(self.maps.shape, kernels.STRIP)
         self.singles = single_planes(self.planes)
         self.pairs = [plane_pairs(self.cam, self.maps, self.planes, first) for first in (0, 1)]
-        downwards = camera.column("voxel_t")[0]
-        self._by_row = np.argsort(np.sign(downwards) * self.lens_mm[:, 1], kind="stable")
+        self._downwards = np.sign(camera.column("voxel_t")[0])
+        self._by_row = np.argsort(self._downwards * camera.lens_mm[:, 1], kind="stable")
         (_, ny, nx), self._ends = self.grid.shape, self.planes[[0, -1]]
         self._size = np.array([nx, ny, *widest_footprint(self.maps)], np.float32)
         self._voxel = float(self.maps.shape[:, 2:4].prod(1).mean()) / PRODUCTS
@@ -80,9 +80,8 @@ class MappedViews:
             pixels = np.empty((8, start[-1]), np.float32)
             for k, (view, found) in enumerate(zip(views, lenses, strict=True)):
                 (m, n), rim, part = self.layout.offsets[view].astype(np.float32), bool(self.rim[view]), start[k : k + 2]
-                fill_view_pixels(
-                    self.cam, found, m, n, rim, self.lens_mm, self.layout.phase, first, last, *part, pixels
-                )
+                places = self.camera.places_mm(view)
+                fill_view_pixels(self.cam, found, m, n, rim, places, self.layout.phase, first, last, *part, pixels)
             middle = -self.layout.offsets[views, 1].astype(np.float32)
             kept = tuple(views), np.concatenate(lenses), ViewPixels(pixels, start, first, middle, self.rim[views])
             self._last = kept
@@ -93,8 +92,11 @@ class MappedViews:
         if view in self._lenses:
             return self._lenses[view]
         (m, n), found = self.layout.offsets[view].astype(np.float32), np.empty(self._by_row.size, np.int32)
-        where = self.layout.seen[view], self._by_row, self.lens_mm, self.layout.phase
+        places = self.camera.places_mm(view)
+        where = self.layout.seen[view], self._by_row, places, self.layout.phase
         found = found[: lenses_seeing_grid(self.cam, self._ends, *where, m, n, self._size, found)].copy()
+        if self.camera.shifts is not None:  # which may change the order of lenses side by side
+            found = found[np.argsort(self._downwards * places[found, 1], kind="stable")]
         if self._cached < CACHED:
             self._lenses[view], self._cached = found, self._cached + found.size
         return found
