@@ -20,6 +20,7 @@ from plenopiv.cameras.space_map import SpaceMap, ViewShift
 from plenopiv.volume import Limits
 
 RAYS = 61  # over the aperture
+EVERY = 3  # of the rays is enough for what differs between views
 POINTS = (9, 9, 13)  # along x, y and z, where a map is fitted
 LEAST_LEFT = 1e-3  # of a pitch: rays that miss those of a thin lens by less are taken for them
 MARGIN = 0.05  # of the volume's sides, by which the map reaches beyond it
@@ -83,8 +84,8 @@ def space_map(model: RayModel, camera: PlenopticCamera, laboratory: Limits) -> S
         return found
     half = 0.5 * camera.sensor.pixel_pitch_mm * np.array([camera.sensor.columns, camera.sensor.rows])
     on_sensor = (np.abs(images.s_mm) < half + camera.lattice.pitch_mm).all(-1)
-    left = ViewShift.fitted(images.u_mm[on_sensor], images.s_mm[on_sensor], images.left_mm[on_sensor])
-    return replace(found, left=left)
+    u, s, left = (v[on_sensor][::EVERY] for v in (images.u_mm, images.s_mm, images.left_mm))
+    return replace(found, left=ViewShift.fitted(u, s, left))
 
 
 def sample(laboratory: Limits) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from plenopiv.errors import PlenoPIVError
 from plenopiv.volume import Limits
 
+PLACE_POWERS = [(p, q) for p in range(4) for q in range(4 - p)]  # of s and t, in what a view's light falls beside
 DEGREE = 5  # of the polynomials; windows and distortion leave 1e-5 mm at 5 (tests/cameras/test_space_map.py)
 
 
@@ -98,11 +99,11 @@ class ViewShift:
         return _of_view_and_place(u, s, self.degree) @ np.array(self.coefficients_mm)
 
     def of_views(self, u_mm: ArrayLike) -> NDArray[np.float32]:
-        """Of views at ``u_mm`` (views, 2) the nearest sums of 1, s, t, s^2, s t, t^2, s and t in mm: (views, 6, 2)."""
+        """Of views at ``u_mm`` (views, 2) the nearest sums of ``PLACE_POWERS``, s and t in mm: (views, terms, 2)."""
         axis = np.linspace(-self.s_mm, self.s_mm, 9)
         places = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2)
         s, t = places.T
-        terms = np.linalg.pinv(np.stack([np.ones_like(s), s, t, s * s, s * t, t * t], 1))
+        terms = np.linalg.pinv(np.stack([s**p * t**q for p, q in PLACE_POWERS], 1))
         views = np.asarray(u_mm, float)
         return np.array([terms @ self(np.tile(view, (len(places), 1)), places) for view in views], np.float32)
 

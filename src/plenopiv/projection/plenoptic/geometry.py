@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from plenopiv.cameras.coverage import half_sensor_mm
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.cameras.space_map import PLACE_POWERS
 from plenopiv.lightfield import Layout
 from plenopiv.volume import VoxelGrid
 
@@ -121,8 +122,8 @@ class CameraOnGrid:
     ``cam``, ``planes`` (nz, 14): the constants (``CameraConstants``, ``planes``). ``lens_mm`` (lens, 2): centres of the
     microlenses, s and t. ``rim`` (view,): the views with pixels that the aperture's rim cuts.
 
-    ``shifts`` (view, 6, 2): by how far light falls beside that of a thin lens in each view, (s, t) on the microlens
-    plane in mm as sums of 1, s, t, s^2, s t, t^2, s and t in mm; None for a thin lens.
+    ``shifts`` (view, terms, 2): by how far light falls beside that of a thin lens in each view, (s, t) on the microlens
+    plane in mm as sums of ``PLACE_POWERS`` of s and t in mm; None for a thin lens.
     """
 
     def __init__(self, layout: Layout, grid: VoxelGrid, shifts: NDArray[np.float32] | None = None):
@@ -138,8 +139,10 @@ class CameraOnGrid:
         if self.shifts is None:
             return self.lens_mm
         s, t = self.lens_mm.T
-        out, one = self.lens_mm.copy(), np.ones_like(s)
-        for (ds, dt), term in zip(self.shifts[view], (one, s, t, s * s, s * t, t * t), strict=True):
+        of_s, of_t = [np.ones_like(s), s, s * s, s * s * s], [np.ones_like(t), t, t * t, t * t * t]
+        out = self.lens_mm.copy()
+        for (ds, dt), (p, q) in zip(self.shifts[view], PLACE_POWERS, strict=True):
+            term = of_s[p] * of_t[q]
             out[:, 0] -= ds * term
             out[:, 1] -= dt * term
         return out
