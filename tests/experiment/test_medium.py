@@ -78,7 +78,7 @@ def test_wrong_keys_and_numbers():
 
 def test_with_a_target_the_volume_is_not_in_the_camera_s_frame():
     planes = [{"image": f"{k}.tif", "z_mm": float(k)} for k in range(3)]
-    target = {"target": "dots", "pitch_mm": 0.6, "dot_mm": 0.2, "planes": planes}
+    target = {"target": "dots", "pitch_mm": 0.6, "dot_mm": 0.2, "origin_dot_mm": 0.36, "planes": planes}
     tables = tomllib.loads(TEXT) | {"medium": {"refractive_index": 1.333, "fluid_mm": 5.0}, "calibration": target}
     assert Experiment.from_dict(tables).medium.fluid_mm == 5.0
 

@@ -28,7 +28,7 @@ CAMERA = RealCamera.of(SHEET, stop_mm=10.0, medium=WATER, pose=Pose(1.0, (0.02, 
 VOLUME = ((-0.2, 0.2), (-0.15, 0.15), (-1.0, 1.0))
 FLOW = Uniform((0.02, 0.0, 0.01))
 WINDOWS = ((16, 16, 16),)
-PLANES = TargetPlanes(DotTarget(0.25, 0.1, 0.16, 0.13), (-0.5, 0.0, 0.5), samples=16)
+PLANES = TargetPlanes(DotTarget(0.25, 0.1, 0.16, 0.13, step_mm=0.2), (-0.5, 0.0, 0.5), samples=16)
 
 
 def made(folder, **more):
@@ -47,6 +47,7 @@ def test_a_tank(tmp_path):
     assert experiment.medium.window_tilt_deg == (1.0, 0.0)
     assert [plane.z_mm for plane in experiment.calibration.planes] == [-0.5, 0.0, 0.5]
     assert experiment.calibration.origin_dot_mm == 0.16
+    assert experiment.calibration.step_mm == 0.2
     for plane in experiment.calibration.planes:
         assert tifffile.imread(tmp_path / "tank" / plane.image).max() > 500
     dark = tifffile.imread(tmp_path / "tank" / "dark.tif")

@@ -116,7 +116,7 @@ def _targets(experiment: Experiment) -> TargetPlanes | None:
     more = {} if wanted is None or wanted.target is None else wanted.target.model_dump()
     light = {"electrons_per_pixel": more.pop("electrons_per_pixel")} if more else {}
     cut = tuple(CutDot(**dot) for dot in more.pop("cut", ()))
-    sizes = table.model_dump(include={"pitch_mm", "dot_mm", "origin_dot_mm", "x_dot_mm"})
+    sizes = table.model_dump(include={"pitch_mm", "dot_mm", "origin_dot_mm", "x_dot_mm", "step_mm"})
     names = tuple(plane.image for plane in table.planes)
     z_mm = tuple(plane.z_mm for plane in table.planes)
     return TargetPlanes(DotTarget(**sizes, **more, cut=cut), z_mm, names=names, **light)

@@ -47,7 +47,6 @@ class TrueTargetTable(Table):
 
     electrons_per_pixel: PositiveFloat = 3000.0
     background: Annotated[float, Field(ge=0, lt=1)] = 0.02
-    step_mm: Number = 0.0
     half_mm: Pair | None = None
     missing: Annotated[tuple[DotPlace, ...], Field(strict=False)] = ()
     cut: Annotated[tuple[CutDotTable, ...], Field(strict=False)] = ()

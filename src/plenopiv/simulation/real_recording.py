@@ -234,6 +234,8 @@ def _tables(medium: Medium | None, planes: TargetPlanes | None) -> str:
         sizes: dict[str, Any] = {"origin_dot_mm": target.origin_dot_mm, "x_dot_mm": target.x_dot_mm}
         lines += ["", "[calibration]                  # x, y, z are the target's", 'target = "dots"']
         lines += [f"pitch_mm = {float(target.pitch_mm)!r}", f"dot_mm = {float(target.dot_mm)!r}"]
+        if target.step_mm:
+            lines.append(f"step_mm = {float(target.step_mm)!r}")
         lines += [f"{key} = {float(size)!r}" for key, size in sizes.items() if size is not None]
         shown = zip(planes.files(), planes.z_mm, strict=True)
         lines += ["planes = [", *(f'    {{ image = "{n}", z_mm = {float(z)!r} }},' for n, z in shown), "]"]
