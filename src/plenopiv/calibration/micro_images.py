@@ -16,7 +16,7 @@ to all, from the sum of many.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -27,6 +27,10 @@ from plenopiv.lattice import LatticeKind
 
 PHASES = 8  # sub-pixel positions per axis at which the fit is tabulated; what is left of a shift is what it measures
 CHUNK = 4096  # micro-images fitted at a time
+SPOT = 0.28  # radius, of a pitch, below which a micro-image is a spot in the dark
+SMALLEST = 0.05  # radius, of a pitch
+DARK = 0.2  # of the light: less is dark
+SPOT_STEPS = 4
 SHARPEST_PX = 0.15  # blur below which the table's step would show
 
 
@@ -43,6 +47,11 @@ class Disc:
     def reach_px(self) -> float:
         """Radius of the pixels that a fit uses: the disc, its rim, and little of the neighbours."""
         return 0.5 * abs(self.pitch) + 1.0
+
+    @property
+    def is_spot(self) -> bool:
+        """Whether it is small beside the dark around it."""
+        return self.radius_px < SPOT * abs(self.pitch)
 
     @property
     def half_window(self) -> int:
@@ -70,24 +79,29 @@ def inside(shape: tuple[int, int], positions: NDArray[np.complex128], half_windo
 
 @lru_cache(maxsize=1)
 def _table(disc: Disc) -> NDArray[np.float64]:
-    """T, T_s, T_t, T_R, T_b of pixels centred at multiples of 1/PHASES px: (5, t, s), the micro-image in the middle."""
+    """T, T_s, T_t, T_R, T_b, and T times s, t and r^2 of pixels centred at multiples of 1/PHASES px: (8, t, s), the
+    micro-image in the middle. s, t and r, in units of the reach, are those of the micro-image that the light is of."""
     from scipy.special import erfc
 
     n = PHASES * (disc.half_window + 1)
     cells = (np.arange(-n, n) + 0.5) / PHASES
     i, j = (a.ravel() for a in np.mgrid[-2:3, -2:3])
     numbers = unit_centres(disc.kind, i, j)
-    fine = np.zeros((5, 2 * n, 2 * n))
+    fine = np.zeros((8, 2 * n, 2 * n))
     for centre in disc.pitch * numbers[np.abs(numbers) < 1.5]:
         ds, dt = cells - centre.real, (cells - centre.imag)[:, None]
         r = np.hypot(ds, dt)
         x = (r - disc.radius_px) / disc.blur_px
         rim = np.exp(-0.5 * x**2) / (np.sqrt(2.0 * np.pi) * disc.blur_px)
-        fine[0] += 0.5 * erfc(x / np.sqrt(2.0))
+        light, u, v = 0.5 * erfc(x / np.sqrt(2.0)), ds / disc.reach_px, dt / disc.reach_px
+        fine[0] += light
         fine[1] += rim * ds / np.maximum(r, 1e-9)
         fine[2] += rim * dt / np.maximum(r, 1e-9)
         fine[3] += rim
         fine[4] += rim * x
+        fine[5] += light * u
+        fine[6] += light * v
+        fine[7] += light * (u**2 + v**2)
     # A pixel is PHASES cells wide: running means along both axes.
     for axis in (1, 2):
         total = np.cumsum(fine, axis=axis)
@@ -99,11 +113,10 @@ def _table(disc: Disc) -> NDArray[np.float64]:
 
 def _groups(
     image: NDArray, node_s: NDArray[np.int64], node_t: NDArray[np.int64], disc: Disc
-) -> Iterator[tuple[NDArray, NDArray, NDArray, NDArray]]:
+) -> Iterator[tuple[NDArray, NDArray, NDArray]]:
     """Micro-images about (node_s, node_t) (in 1/PHASES px from pixel (0, 0)), those of one sub-pixel position together.
 
-    Yields their indices, their (lens, pixel) counts within reach, the pixels' (s, t) over the reach, and the model's
-    (5, pixel) T, T_s, T_t, T_R, T_b there.
+    Yields their indices, their (lens, pixel) counts within reach, and the model's (8, pixel) ``_table`` there.
     """
     half = disc.half_window
     # Nearest pixel (c, r), and the rest in 1/PHASES px.
@@ -123,7 +136,7 @@ def _groups(
         for start in range(bounds[p], bounds[p + 1], CHUNK):
             lens = order[start : min(start + CHUNK, bounds[p + 1])]
             counts = windows[r[lens] - half, c[lens] - half][:, used].astype(np.float64)
-            yield lens, counts, np.stack([a[used] for a in at]), model
+            yield lens, counts, model
 
 
 def _nodes(image: NDArray, positions: NDArray[np.complex128]) -> tuple[NDArray[np.int64], NDArray[np.int64], complex]:
@@ -141,9 +154,8 @@ def measure(image: NDArray, positions: NDArray[np.complex128], disc: Disc) -> Mi
     """
     node_s, node_t, axis = _nodes(image, positions)
     shift, gain, quality = np.zeros(len(positions), np.complex128), np.zeros(len(positions)), np.zeros(len(positions))
-    for lens, counts, at, model in _groups(image, node_s, node_t, disc):
-        light = model[0]
-        design = np.stack((*model[:3], np.ones_like(light), *(at * light), (at**2).sum(0) * light, *model[3:]), 1)
+    for lens, counts, model in _groups(image, node_s, node_t, disc):
+        design = np.stack((*model[:3], np.ones(model.shape[1]), *model[5:], *model[3:5]), 1)
         fit = counts @ _inverse(design).T
         level = counts @ _inverse(design[:, :6])[0]
         shift[lens] = (fit[:, 1] + 1j * fit[:, 2]) / np.where(np.abs(level) > 1e-9, level, np.inf)
@@ -158,23 +170,70 @@ def _inverse(design: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.linalg.pinv(design.T @ design, rcond=1e-12, hermitian=True) @ design.T
 
 
+def measure_spots(image: NDArray, positions: NDArray[np.complex128], disc: Disc) -> MicroImages:
+    """Centroids of the light above the dark around it, in the cell about each of ``positions`` (complex, pixels from
+    the axis). For spots, of which a disc that does not yet fit says less."""
+    rows, columns = image.shape
+    half = disc.half_window
+    d = np.arange(-half, half + 1)
+    used = np.hypot(d, d[:, None]) < 0.5 * abs(disc.pitch) + 0.25
+    at = (d + 1j * d[:, None])[used]
+    views = np.lib.stride_tricks.sliding_window_view(image, (2 * half + 1, 2 * half + 1))
+    axis = complex((columns - 1) / 2.0, (rows - 1) / 2.0)
+    found, gain = positions.copy(), np.zeros(positions.size)
+    quality = np.zeros(positions.size)
+    for _ in range(SPOT_STEPS):
+        c, r = (np.rint(part).astype(int) for part in ((found + axis).real, (found + axis).imag))
+        c, r = np.clip(c, half, columns - 1 - half), np.clip(r, half, rows - 1 - half)
+        counts = views[r - half, c - half][:, used].astype(np.float64)
+        low, high = np.percentile(counts, (40, 99), axis=1)
+        light = np.maximum(counts - (low + 0.1 * (high - low))[:, None], 0.0)
+        gain = light.sum(1)
+        found = c + 1j * r - axis + light @ at / np.maximum(gain, 1e-9)
+        quality = 1.0 - np.var(np.where(light > 0, 0.0, counts - low[:, None]), axis=1) / np.maximum(
+            counts.var(1), 1e-9
+        )
+    return MicroImages(found, gain, quality)
+
+
 def find_disc(image: NDArray, positions: NDArray[np.complex128], kind: LatticeKind, pitch: complex) -> Disc:
-    """A first disc for ``refine_disc``: of radii from 0.3 to 0.6 pitches the one that explains the counts best, as
+    """A first disc for ``refine_disc``: of radii from 0.06 to 0.6 pitches the one that explains the counts best, as
     light: taken away from the background, discs wide enough to overlap explain ones that just touch as well."""
 
     def explained(disc: Disc) -> float:
         found = measure(image, positions, disc)
         return float(np.median(np.where(found.gain > 0, found.quality, -np.inf)))
 
-    return max((Disc(kind, pitch, ratio * abs(pitch), 0.5) for ratio in np.arange(0.30, 0.61, 0.04)), key=explained)
+    best = max((Disc(kind, pitch, ratio * abs(pitch), 0.5) for ratio in np.arange(0.30, 0.61, 0.04)), key=explained)
+    radius = _spot_radius(image, positions, best)
+    return replace(best, radius_px=radius) if radius < SPOT * abs(pitch) else best
+
+
+def _spot_radius(image: NDArray, positions: NDArray[np.complex128], disc: Disc) -> float:
+    """Radius of an even disc of the same second moment as the median micro-image has, px; inf where less than half of
+    its cell is dark."""
+    half = disc.half_window
+    d = np.arange(-half, half + 1)
+    used = np.hypot(d, d[:, None]) < 0.5 * abs(disc.pitch) + 0.25
+    rows, columns = image.shape
+    at = measure_spots(image, positions, disc).position + complex((columns - 1) / 2.0, (rows - 1) / 2.0)
+    c, r = np.rint(at.real).astype(int), np.rint(at.imag).astype(int)
+    keep = (c >= half) & (c < columns - half) & (r >= half) & (r < rows - half)
+    views = np.lib.stride_tricks.sliding_window_view(image, (2 * half + 1, 2 * half + 1))
+    shape = np.median(views[r[keep] - half, c[keep] - half][:, used].astype(np.float64), axis=0)
+    dark, middle, high = np.percentile(shape, (10, 50, 99))
+    if middle - dark > DARK * (high - dark):
+        return np.inf
+    light = np.maximum(shape - dark - 0.1 * (high - dark), 0.0)
+    return float(np.sqrt(2.0 * np.sum(light * np.hypot(d, d[:, None])[used] ** 2) / max(light.sum(), 1e-9)))
 
 
 def refine_disc(image: NDArray, positions: NDArray[np.complex128], disc: Disc) -> Disc:
     """The disc with radius and blur fitted to the sum of the micro-images at ``positions``, in one bounded step."""
     node_s, node_t, _ = _nodes(image, positions)
     left, right = np.zeros((5, 5)), np.zeros(5)
-    for _, counts, at, model in _groups(image, node_s, node_t, disc):
-        even = np.stack((model[0], model[3], model[4], np.ones(model.shape[1]), (at**2).sum(0) * model[0]), 1)
+    for _, counts, model in _groups(image, node_s, node_t, disc):
+        even = np.stack((model[0], model[3], model[4], np.ones(model.shape[1]), model[7]), 1)
         left += len(counts) * (even.T @ even)
         right += even.T @ counts.sum(0)
     gain, d_radius, d_blur = (np.linalg.pinv(left, rcond=1e-12, hermitian=True) @ right)[:3]
@@ -184,6 +243,6 @@ def refine_disc(image: NDArray, positions: NDArray[np.complex128], disc: Disc) -
     return Disc(
         disc.kind,
         disc.pitch,
-        float(np.clip(disc.radius_px + step, 0.2 * pitch, 0.7 * pitch)),
+        float(np.clip(disc.radius_px + step, SMALLEST * pitch, 0.7 * pitch)),
         float(np.clip(width, SHARPEST_PX, 0.2 * pitch)),
     )

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.calibration.array_fit import ArrayFit, best_fit, deviations
+from plenopiv.calibration.cat_eyes import chief_rays, find_rim, spot_disc
 from plenopiv.calibration.lattice_fit import LatticeFit
-from plenopiv.calibration.micro_images import Disc, MicroImages, find_disc, inside, measure, refine_disc
+from plenopiv.calibration.micro_images import Disc, MicroImages, find_disc, inside, measure, measure_spots, refine_disc
 from plenopiv.calibration.spectrum import find_peaks, read_lattice, read_offset, unit_centres
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
@@ -31,6 +32,7 @@ GROWTH = 1.6  # of that radius from one stage to the next
 MOST_FITS = 8  # of each stage
 CONVERGED_PX = 1e-3  # by which the farthest centre, radius and blur still change
 SAMPLE = 3000  # micro-images of each fit but the last, which takes all
+HOT, MOST_HOT = 1.4, 0.01  # times the brightest neighbour; share of the pixels
 IRREGULAR_PX = 0.1  # a region's mean residual that is worth a warning
 
 
@@ -47,7 +49,7 @@ def find_lattice(white: NDArray, camera: PlenopticCamera, name: str = "white ima
     """
     _check_counts(white, camera, name)
     # In an upright image columns grow with -s: turned round, both axes grow with (s, t).
-    image = np.asarray(white)[:, ::-1]
+    image = _without_hot_pixels(np.asarray(white)[:, ::-1], camera.sensor.black_level)
     fit = ArrayFit.similar(*_first_estimate(image, camera, name))
     kind = camera.lattice.kind
     reach, whole = FIRST_STAGE, 2.0 + np.hypot(*image.shape) / abs(fit.pitch)
@@ -59,15 +61,19 @@ def find_lattice(white: NDArray, camera: PlenopticCamera, name: str = "white ima
         )
     disc = find_disc(image, fit(numbers[:: max(1, len(numbers) // 64)]), kind, fit.pitch)
     while True:
-        numbers = _numbers(image, kind, fit, reach)
-        numbers = numbers[:: max(1, len(numbers) // SAMPLE)]
         for _ in range(MOST_FITS):
+            numbers = _numbers(image, kind, fit, reach)
+            numbers = numbers[:: max(1, len(numbers) // SAMPLE)]
             before, shape = fit(numbers), disc
-            measured = measure(image, before, disc)
+            measured = (measure_spots if disc.is_spot else measure)(image, before, disc)
             good = _sound(measured, before, image, name)
             fit = best_fit(numbers[good], measured.position[good])
-            disc = refine_disc(image, fit(numbers[good]), replace(disc, pitch=fit.pitch))
-            moved = np.abs(fit(numbers) - before).max()
+            after = fit(numbers)
+            good &= inside(image.shape, after, disc.half_window)
+            disc = replace(disc, pitch=fit.pitch)
+            if not disc.is_spot:
+                disc = refine_disc(image, after[good], disc)
+            moved = np.abs(after - before).max()
             if max(moved, abs(disc.radius_px - shape.radius_px), abs(disc.blur_px - shape.blur_px)) < CONVERGED_PX:
                 break
         if reach > whole:  # the sensor ends here: all have been fitted
@@ -75,11 +81,38 @@ def find_lattice(white: NDArray, camera: PlenopticCamera, name: str = "white ima
         reach *= GROWTH
     numbers = _numbers(image, kind, fit, reach)
     predicted = fit(numbers)
-    shift = measure(image, predicted, disc).position - predicted
-    # Measured once more about the centres found: a large shift is only known to some percent from a linear fit.
-    measured = measure(image, predicted + shift * np.minimum(1.0, 0.5 / np.maximum(np.abs(shift), 0.5)), disc)
-    good = _sound(measured, predicted, image, name)
+    if disc.is_spot:
+        measured = measure_spots(image, predicted, disc)
+        good = _sound(measured, predicted, image, name)
+        clipped = spot_disc(image, measured.position[good], disc)
+    else:
+        shift = measure(image, predicted, disc).position - predicted
+        # Measured once more about the centres found: a large shift is only known to some percent from a linear fit.
+        measured = measure(image, predicted + shift * np.minimum(1.0, 0.5 / np.maximum(np.abs(shift), 0.5)), disc)
+        good = _sound(measured, predicted, image, name)
+        clipped = find_rim(image, measured.position[good], disc)
+    if clipped is not None:
+        measured = chief_rays(image, numbers, np.where(good, measured.position, predicted), *clipped)
+        for _ in range(2):  # lenses that the biased centres left out come back
+            good = _sound(measured, best_fit(numbers[good], measured.position[good])(numbers), image, name)
     return _summary(camera, image, numbers[good], measured.position[good], int((~good).sum()), name)
+
+
+def _without_hot_pixels(image: NDArray, black: float) -> NDArray:
+    """The image with pixels that outshine all their neighbours as these. Where many do, they are micro-images."""
+    from scipy import ndimage
+
+    around = np.ones((3, 3), bool)
+    around[1, 1] = False
+    light = image.astype(np.float32) - np.float32(black)
+    brightest = ndimage.maximum_filter(light, footprint=around, mode="nearest")
+    noise = 1.4826 * float(np.median(np.abs(light - np.median(light))))
+    hot = (light > HOT * np.maximum(brightest, 0)) & (light - brightest > 0.05 * max(noise, 1.0))
+    if not hot.any() or hot.mean() > MOST_HOT:
+        return image
+    out = image.copy()
+    out[hot] = ndimage.median_filter(image, footprint=around, mode="nearest")[hot]
+    return out
 
 
 def _check_counts(white: NDArray, camera: PlenopticCamera, name: str) -> None:
