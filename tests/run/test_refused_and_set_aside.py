@@ -11,6 +11,8 @@ import plenopiv
 from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
+from plenopiv.run.frame import reconstructed
+from plenopiv.run.inputs import changed_frame, frame_entry, of_image
 
 pytestmark = pytest.mark.usefixtures("without_report")
 
@@ -93,3 +95,22 @@ def test_no_pair_left(folder):
     with pytest.raises(PlenoPIVError, match=r"p\d_b\.tif"):
         plenopiv.process(Experiment.load(folder / "experiment.toml"))
     assert not (folder / "results").exists()
+
+
+@pytest.mark.parametrize("then", ["replaced", "gone"])
+def test_the_manifest_has_a_frame_s_file_as_it_was_when_it_was_read(experiment, then):
+    """A file that is replaced while its frame is reconstructed must be another one to the next run."""
+    recording, path = experiment.recording(), experiment.folder / "a.tif"
+    before, other = path.stat(), experiment.folder / "b.tif"
+
+    class Meanwhile:
+        projection = None
+
+        def reconstruct(self, *given):
+            shutil.copy(other, path) if then == "replaced" else path.unlink()
+
+    entry = reconstructed(Meanwhile(), recording, 0, lambda *given: None).entry
+    assert (entry["name"], entry["bytes"], entry["mtime_ns"]) == ("a.tif", before.st_size, before.st_mtime_ns)
+    if then == "replaced":
+        frames = [entry, frame_entry(recording.frames[1], of_image(recording.light(1)[0]))]
+        assert "a.tif is another image" in changed_frame(recording, {"pair": 0, "frames": frames})

@@ -25,25 +25,21 @@ Progress = Callable[[str, int, int], None]
 @dataclass(frozen=True)
 class Frame:
     """A frame of a recording, reconstructed: its number from 0, where it came from, its upright image in counts
-    without static light, the share of its light that the volume does not explain (``unexplained_share``), and what was
-    warned of."""
+    without static light, the share of its light that the volume does not explain (``unexplained_share``), its entry in
+    the manifest, and what was warned of."""
 
     number: int
     source: ImageSource
     image: NDArray
     found: Reconstruction
     unexplained: float | None
+    entry: dict[str, Any]
     warned: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
         """As messages and ``summary.json`` have it."""
         return self.source.name
-
-    @property
-    def entry(self) -> dict[str, Any]:
-        """Its entry in the manifest."""
-        return frame_entry(self.source, of_image(self.image))
 
     def summary(self) -> dict[str, Any]:
         """Its entry in ``summary.json``."""
@@ -61,17 +57,13 @@ class Frame:
 
 @dataclass(frozen=True)
 class LostFrame:
-    """A frame that cannot be read, or shows no particles."""
+    """A frame that cannot be read, or shows no particles; ``entry``: in the manifest."""
 
     number: int
     source: ImageSource
     reason: str
+    entry: dict[str, Any]
     warned: tuple[str, ...] = ()
-
-    @property
-    def entry(self) -> dict[str, Any]:
-        """Its entry in the manifest."""
-        return frame_entry(self.source, None)
 
 
 def reconstructed(chain: Chain, recording: Recording, number: int, progress: Progress) -> Frame:
@@ -80,13 +72,15 @@ def reconstructed(chain: Chain, recording: Recording, number: int, progress: Pro
     Raises:
         PlenoPIVError: its image cannot be used, or shows no particles.
     """
-    source, (light, static) = recording.frames[number], recording.light(number)
+    source = recording.frames[number]
+    entry = frame_entry(source, None)  # before it is read: a file that is replaced later is then another one
+    light, static = recording.light(number)
     behind = None if static is None else [static]
     found = chain.reconstruct([light], source.name, partial(progress, f"reconstruction of {source.name}"), behind)
     left = None
     if isinstance(chain.projection, PlenopticProjector):
         left = unexplained_share(chain.projection, found.volume, light, found.noise)
-    return Frame(number, source, light, found, left)
+    return Frame(number, source, light, found, left, entry | {"sha256": of_image(light)})
 
 
 @contextmanager

@@ -23,6 +23,7 @@ from plenopiv.io.series_file import pair_file
 from plenopiv.io.volumes import Laboratory, write_volume
 from plenopiv.recording import Recording
 from plenopiv.run.frame import Frame, LostFrame, Progress, caught_warnings, reconstructed
+from plenopiv.run.inputs import frame_entry
 from plenopiv.run.judged import PairJudge
 from plenopiv.statistics import velocity_gradients
 from plenopiv.velocity import replaced, vectors_inside_body
@@ -75,23 +76,25 @@ class Job:
             PlenoPIVError: that cannot be written; or the frame's file is gone since the run began: others will be too,
                 and the cause can be removed.
         """
+        source = self.recording.frames[number]
+        entry = frame_entry(source, None)
         with caught_warnings() as said:
             try:
                 found = reconstructed(self.chain, self.recording, number, progress)
             except PlenoPIVError as error:
-                path = self.recording.frames[number].path
-                if number not in self.recording.damaged and not os.path.exists(path):
-                    raise PlenoPIVError(f"{path}: is gone since the run began") from None
-                return LostFrame(number, self.recording.frames[number], str(error), tuple(said))
+                if number not in self.recording.damaged and not os.path.exists(source.path):
+                    raise PlenoPIVError(f"{source.path}: is gone since the run began") from None
+                return LostFrame(number, source, str(error), entry, tuple(said))
         if self.volumes:
             path, space = self._path(volume_file(self.recording, number)), self.chain.space
             laboratory = None if space is None else Laboratory(space.to_laboratory, self.chain.grid)
             write_volume(path, found.found.volume, laboratory)
-        return Frame(number, found.source, found.image, found.found, found.unexplained, tuple(said))
+        return Frame(number, found.source, found.image, found.found, found.unexplained, found.entry, tuple(said))
 
     def not_asked(self, number: int) -> LostFrame:
         """Frame ``number``, which need not be reconstructed because the other one of its pair is lost."""
-        return LostFrame(number, self.recording.frames[number], "")
+        source = self.recording.frames[number]
+        return LostFrame(number, source, "", frame_entry(source, None))
 
     def given_up(self, number: int, reason: str) -> PairRecord:
         """The record of a pair that is set aside for a ``reason`` that lies not in its frames."""
