@@ -196,19 +196,19 @@ def find_rim(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> tu
     """The stop's disc and the rim of micro-images near ``position``; None where they show no rim that clips them."""
     far, pixels = float(np.abs(position).max()), np.pi * (disc.reach_px + 0.5) ** 2
     few, many = (_spread(position, int(np.clip(most / pixels, 60, 1500))) for most in (SEARCH, FIT))
-    (disc, _), without = _refined(image, few, disc, None, 2 * SEARCH_STEPS)
+    (disc, _), without = refined(image, few, disc, None, 2 * SEARCH_STEPS)
     found = []
     for ratio in RATIOS:
         for slip in SLIPS:
             begun = Rim(ratio * disc.radius_px, slip * disc.radius_px / far, 0j)
-            found.append(_refined(image, few, disc, begun, SEARCH_STEPS))
+            found.append(refined(image, few, disc, begun, SEARCH_STEPS))
     best = sorted(found, key=lambda each: each[1])[:CANDIDATES]
     if best[0][1] > CLEARER * without:
         return None
-    (clipped, rim), left = min((_refined(image, few, *each[0], FIT_STEPS) for each in best), key=lambda each: each[1])
+    (clipped, rim), left = min((refined(image, few, *each[0], FIT_STEPS) for each in best), key=lambda each: each[1])
     if rim is None or left > CLEARER * without:
         return None
-    (clipped, rim), _ = _refined(image, many, clipped, rim, FIT_STEPS)
+    (clipped, rim), _ = refined(image, many, clipped, rim, FIT_STEPS)
     return None if rim is None or rim.cut_px(position, clipped).max() < LEAST_CUT_PX else (clipped, rim)
 
 
@@ -216,7 +216,7 @@ def spot_disc(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> t
     """Disc of spots near ``position``, and a rim that cuts none; None where they are too few pixels for a disc."""
     pixels = np.pi * (disc.reach_px + 0.5) ** 2
     few = _spread(position, int(np.clip(SEARCH / pixels, 60, 1500)))
-    (found, _), _ = _refined(image, few, disc, None, FIT_STEPS)
+    (found, _), _ = refined(image, few, disc, None, FIT_STEPS)
     return (found, Rim(10.0 * abs(disc.pitch), 0.0, 0j)) if found.radius_px > LEAST_RADIUS_PX else None
 
 
@@ -225,7 +225,7 @@ def _spread(position: NDArray[np.complex128], count: int) -> NDArray[np.complex1
     return position[np.random.default_rng(position.size).permutation(position.size)[:count]]
 
 
-def _refined(
+def refined(
     image: NDArray, position: NDArray[np.complex128], disc: Disc, rim: Rim | None, steps: int
 ) -> tuple[tuple[Disc, Rim | None], float]:
     """Disc and rim by some steps of Gauss and Newton, and the squares left over those of the light, by the median lens.

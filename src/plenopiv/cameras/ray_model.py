@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.cameras.medium import Medium
 
-NEWTON = 7  # iterations; from the paraxial start each squares the error
+OFFSET_POWERS = (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)
+NEWTON = 5  # iterations; from the paraxial start each squares the error
 STEEPEST = 0.95  # sine in air of a trial ray
 
 
@@ -33,8 +34,10 @@ class RayModel:
     image at ``corner_mm`` from the axis lies farther out. ``gap_tilt`` (2,): by what share the microlenses' distance to
     the sensor grows over ``corner_mm`` along s and t. ``reference_mm``: distance from the microlenses to the plane, in
     the image space, whose middle is seen by the middles of all micro-images. ``view_scale``: the places u of the views
-    over those on that plane. ``origin_mm`` (3,), ``laboratory_turn_rad``: where the laboratory's origin was put in the
-    frame that the numbers above are of, and by how much its axes are turned about z there.
+    over those on that plane. ``view_offset_mm``: by which they are counted beside them, as where the middles of
+    micro-images were found a little aside: (du, dv) of ``OFFSET_POWERS`` of (s, t) in units of ``corner_mm``; () for
+    none. ``origin_mm`` (3,), ``laboratory_turn_rad``: where the laboratory's origin was put in the frame that the
+    numbers above are of, and by how much its axes are turned about z there.
     """
 
     focal_length_mm: float
@@ -48,6 +51,7 @@ class RayModel:
     distortion: float = 0.0
     gap_tilt: tuple[float, float] = (0.0, 0.0)
     view_scale: float = 1.0
+    view_offset_mm: tuple[tuple[float, float], ...] = ()
     origin_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     laboratory_turn_rad: float = 0.0
 
@@ -71,8 +75,11 @@ class RayModel:
         s = h + self.image_distance_mm * slope
         radius = (s**2).sum(-1, keepdims=True) / self.corner_mm**2
         s = s * (1 + self.distortion * radius)
-        u = s - self.reference_mm * slope
-        return s, u * (self.view_scale * (1 + s @ np.array(self.gap_tilt)[:, None] / self.corner_mm))
+        unit = s / self.corner_mm
+        u = (s - self.reference_mm * slope) * (self.view_scale * (1 + unit @ np.array(self.gap_tilt)[:, None]))
+        for (p, q), offset in zip(OFFSET_POWERS, self.view_offset_mm, strict=False):
+            u += (unit[..., 0] ** p * unit[..., 1] ** q)[..., None] * np.array(offset)
+        return s, u
 
     def _slopes_at_lens(self, points: NDArray[np.float64], h: NDArray[np.float64]) -> NDArray[np.float64]:
         """dx/dz and dy/dz toward the camera in the air before the lens, (n, m, 2)."""

@@ -89,6 +89,7 @@ def _calibration(data: Mapping[str, Any]) -> TargetCalibration:
     )
     medium = dict(rays.pop("medium"))
     medium["window_tilt_deg"] = tuple(medium["window_tilt_deg"])
+    rays["view_offset_mm"] = [tuple(each) for each in rays["view_offset_mm"]]
     numbers: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else float(v) for k, v in rays.items()}
     model = RayModel(**numbers, medium=Medium(**medium))
     planes = tuple(PlaneResidual(**_plane(plane)) for plane in data["planes"])

@@ -88,7 +88,7 @@ def make_calibration(
     report = partial(progress, "target") if progress else None
     if recording.masked is not None:
         unusable = unusable | recording.masked
-    return calibrate_target(images, board, camera, medium, gain, unusable, report)
+    return calibrate_target(images, board, camera, medium, gain, unusable, white, report)
 
 
 def inputs_of(experiment: Experiment, recording: Recording) -> dict[str, str]:

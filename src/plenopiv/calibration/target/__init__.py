@@ -6,5 +6,6 @@
 - ``numbering``: which dot is which
 - ``fit``: the dots of all planes
 - ``optics_fit``: lengths, window, pose and distortion from them
+- ``pupil``: exit pupil and stop from the outlines of micro-images
 - ``calibrated``: all of it, with residuals
 """

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from plenopiv.calibration.lattice_fit import LatticeFit
 from plenopiv.calibration.target.board import Board, TargetImage
 from plenopiv.calibration.target.fit import Dots, Progress, measure_dots
-from plenopiv.calibration.target.optics_fit import OpticsFit, fit_optics
+from plenopiv.calibration.target.optics_fit import NAMES, OpticsFit, fit_optics
+from plenopiv.calibration.target.pupil import outline, pupil_and_stop
 from plenopiv.cameras.lens_space import space_map
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
@@ -100,10 +101,12 @@ def calibrate_target(
     medium: Medium | None = None,
     counts_per_electron: float = 1.0,
     unusable: NDArray[np.bool_] | None = None,
+    white: NDArray | None = None,
     progress: Progress | None = None,
 ) -> TargetCalibration:
     """The calibration that ``images`` of a target give. ``camera``: as ``lens_space_camera`` gives it. ``medium``:
     fluid and window, as far as they are known. ``unusable``: pixels (rows, columns) that are no equations.
+    ``white``: the white image, upright, whose micro-images' outlines tell exit pupil and stop.
 
     Raises:
         PlenoPIVError: naming the image or the key: there is no target, its planes are out of order, all at one z, or
@@ -112,6 +115,12 @@ def calibrate_target(
     where = layout(camera, unusable)
     dots = measure_dots(images, board, where, counts_per_electron, progress)
     optics = fit_optics(dots, camera, medium)
+    values, std = optics.values, optics.std
+    if white is not None and (seen := outline(white, camera)) is not None:
+        which = [NAMES.index(f"{name}_mm") for name in ("focal_length", "image_distance", "microlens_focal_length")]
+        lengths = np.array([values[NAMES[n]] for n in which])
+        more = pupil_and_stop(seen, camera, lengths, optics.covariance[np.ix_(which, which)])
+        values, std = values | more[0], std | more[1]
     planes = tuple(_plane(image, n, dots, optics) for n, image in enumerate(images))
     _check_agreement(planes)
     shift = 1e3 * np.nanmean(dots.view_shift_mm, 0)
@@ -120,7 +129,7 @@ def calibrate_target(
         for (m, n), (s, t) in zip(where.offsets.tolist(), shift.tolist(), strict=True)
         if np.isfinite(s)
     )
-    return TargetCalibration(camera, optics.model, optics.values, optics.std, planes, _field(dots, optics), views)
+    return TargetCalibration(camera, optics.model, values, std, planes, _field(dots, optics), views)
 
 
 def _plane(image: TargetImage, number: int, dots: Dots, optics: OpticsFit) -> PlaneResidual:

@@ -16,13 +16,16 @@ from plenopiv.calibration.target.fit import Dots
 from plenopiv.cameras.lens_space import images_of
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.cameras.ray_model import RayModel
+from plenopiv.cameras.ray_model import OFFSET_POWERS, RayModel
 from plenopiv.errors import PlenoPIVError
 
 NAMES = (
     "focal_length_mm", "image_distance_mm", "gap_mm", "fluid_mm", "refractive_index", "microlens_focal_length_mm",
     "reference_mm", "turn_x_rad", "turn_y_rad", "turn_z_rad", "x_mm", "y_mm", "distortion", "gap_tilt_s", "gap_tilt_t",
+    *(f"view_offset_{axis}_s{p}_t{q}_mm" for p, q in OFFSET_POWERS for axis in "uv"),
 )  # fmt: skip
+LENGTHS = NAMES.index("gap_tilt_t") + 1  # the others are the views' offsets
+CENTRES_PX = 0.05  # by which middles of micro-images may have been found aside in the sensor's corner
 SHEET = 0.03  # standard deviation of a stated focal length, relative
 MICROLENS_SHEET = 0.01  # of the microlenses': their sagitta is etched
 PITCH = 3e-5  # of the array's pitch, which lithography gives
@@ -36,13 +39,15 @@ OUTLIER = 6.0
 
 @dataclass(frozen=True)
 class OpticsFit:
-    """The optics and how well they are known. ``values``, ``std``: by the names of ``NAMES`` and ``magnification``;
-    ``residual_mm`` (n, 3): of the dots, in the laboratory; ``left_out_mm`` (n, 3): the same with the dot's plane left
-    out of the fit; ``used`` (n,): dots that are no outliers."""
+    """The optics and how well they are known. ``values``, ``std``: by the names of ``NAMES``, but for the views'
+    offsets, and ``magnification``; ``covariance``: of all ``NAMES``; ``residual_mm`` (n, 3): of the dots, in the
+    laboratory; ``left_out_mm`` (n, 3): the same with the dot's plane left out of the fit; ``used`` (n,): dots that are
+    no outliers."""
 
     model: RayModel
     values: dict[str, float]
     std: dict[str, float]
+    covariance: NDArray[np.float64]
     residual_mm: NDArray[np.float64]
     left_out_mm: NDArray[np.float64]
     used: NDArray[np.bool_]
@@ -79,13 +84,16 @@ def fit_optics(dots: Dots, camera: PlenopticCamera, medium: Medium | None) -> Op
     covariance = np.linalg.inv(found.jac.T @ found.jac)
     degrees = max(1, 3 * int(used.sum()) - len(NAMES))
     misfit = max(1.0, float((problem.scaled(start, dots.where(used)) ** 2).sum()) / degrees)
-    values = dict(zip(NAMES, start.tolist(), strict=True))
-    std = dict(zip(NAMES, np.sqrt(np.diag(covariance) * misfit).tolist(), strict=True))
+    names = NAMES[:LENGTHS]
+    values = dict(zip(names, start.tolist(), strict=False))
+    std = dict(zip(names, np.sqrt(np.diag(covariance) * misfit).tolist(), strict=False))
     f, si = values["focal_length_mm"], values["image_distance_mm"]
     slope = np.array([si / f**2, -1 / f])
     values["magnification"] = 1 - si / f
     std["magnification"] = float(np.sqrt(slope @ covariance[:2, :2] @ slope * misfit))
-    return OpticsFit(problem.model(start), values, std, problem.in_laboratory(start, dots), left_out, used)
+    return OpticsFit(
+        problem.model(start), values, std, covariance * misfit, problem.in_laboratory(start, dots), left_out, used
+    )
 
 
 @dataclass(frozen=True)
@@ -127,12 +135,15 @@ class _Problem:
             "gap_tilt_s": (0.0, 0.1, 0.01),
             "gap_tilt_t": (0.0, 0.1, 0.01),
         }
+        aside = CENTRES_PX * camera.portion_mm
+        rows |= dict.fromkeys(NAMES[LENGTHS:], (0.0, aside, aside))
         stated, deviation, unit = np.array([rows[name] for name in NAMES]).T
         return cls(camera, medium or Medium(window_mm=0.0), stated, deviation, unit)
 
     def model(self, parameters: NDArray[np.float64]) -> RayModel:
         """The camera of so many numbers."""
-        f, si, gap, fluid, index, fl, reference, ax, ay, az, x, y, k, gs, gt = parameters.tolist()
+        f, si, gap, fluid, index, fl, reference, ax, ay, az, x, y, k, gs, gt = parameters[:LENGTHS].tolist()
+        offsets = parameters[LENGTHS:].reshape(-1, 2).tolist()
         sensor = self.camera.sensor
         corner = 0.5 * sensor.pixel_pitch_mm * float(np.hypot(sensor.columns, sensor.rows))
         return RayModel(
@@ -147,6 +158,7 @@ class _Problem:
             k,
             (gs, gt),
             fl / reference / self.camera.image_scale,
+            tuple((float(u), float(v)) for u, v in offsets),
         )
 
     def start(self, dots: Dots) -> NDArray[np.float64]:
