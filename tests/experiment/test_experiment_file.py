@@ -260,6 +260,16 @@ def test_where_static_light_comes_from_is_the_same_elsewhere(tmp_path, stated, m
     assert Experiment.from_dict(tables).recording_table.background == moved
 
 
+def test_images_of_a_target_are_the_same_elsewhere(tmp_path):
+    names = ("targets/one.tif", str(tmp_path / "two.tif"))
+    planes = [{"image": name, "z_mm": float(k)} for k, name in enumerate(names)]
+    table = {"target": "dots", "pitch_mm": 0.6, "dot_mm": 0.2, "origin_dot_mm": 0.36, "planes": planes}
+    experiment = Experiment.from_dict(tomllib.loads(TEXT) | {"calibration": table}, tmp_path / "experiment.toml")
+    moved = tomllib.loads(experiment.dump_toml(tmp_path / "results"))["calibration"]["planes"]
+    assert [plane["image"] for plane in moved] == ["../targets/one.tif", "../two.tif"]
+    assert [plane["z_mm"] for plane in moved] == [0.0, 1.0]
+
+
 def test_the_resolved_file_is_the_same_experiment_elsewhere(tmp_path):
     experiment = Experiment.from_dict(tomllib.loads(TEXT), tmp_path / "run7" / "experiment.toml")
     same = Experiment.from_dict(tomllib.loads(experiment.dump_toml()))

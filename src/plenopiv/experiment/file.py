@@ -223,6 +223,8 @@ class Experiment(Table):
                 recording["background"] = _each(recording["background"], moved)
             if isinstance(self.recording_table.mask, str):
                 recording["mask"] = moved(self.recording_table.mask)
+            for plane in tables.get("calibration", {}).get("planes", ()):
+                plane["image"] = moved(plane["image"])
             if self.volume.body is not None:
                 tables["volume"]["body"] = moved(self.volume.body)
             output["directory"] = moved(output["directory"])

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields, replace
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,9 @@ from plenopiv.calibration.target.calibrated import PlaneResidual, TargetCalibrat
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.cameras.ray_model import RayModel
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, brief
+from plenopiv.experiment import text
+from plenopiv.io.aside import written_aside
 from plenopiv.lattice import Lattice, LatticeMap
 from plenopiv.sensor import Sensor
 
@@ -25,6 +26,7 @@ HEADER = """\
 # mean shift of all dots in it on the microlens plane.
 
 """
+NO_NUMBERS = {"kind", "alignment", "image", "medium", "map"}
 WAY_OUT = "make it anew with: plenopiv calibrate --overwrite"
 
 
@@ -36,7 +38,6 @@ def save_calibration(calibration: TargetCalibration, inputs: Mapping[str, str], 
     """
     import tomli_w
 
-    path = Path(path)
     names = calibration.values
     document = {
         "inputs": dict(inputs),
@@ -46,15 +47,8 @@ def save_calibration(calibration: TargetCalibration, inputs: Mapping[str, str], 
         "camera": _without_none(asdict(calibration.camera)),
         "rays": asdict(calibration.model),
     }
-    aside = path.with_name(path.name + ".part")
-    try:
-        with aside.open("w", encoding="utf-8") as file:
-            file.write(HEADER + tomli_w.dumps(document))
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(aside, path)
-    except OSError as error:
-        raise PlenoPIVError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
+    with written_aside(path) as aside:
+        aside.write_text(HEADER + tomli_w.dumps(document), encoding="utf-8")
 
 
 def load_calibration(path: str | Path) -> tuple[TargetCalibration, dict[str, str]]:
@@ -63,50 +57,72 @@ def load_calibration(path: str | Path) -> tuple[TargetCalibration, dict[str, str
     Raises:
         PlenoPIVError: the file is missing, is no TOML, or lacks a key or holds a senseless value.
     """
+    path = Path(path)
     try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        data = text.tables(path.read_bytes(), path)
     except OSError as error:
         raise PlenoPIVError(f"{path}: cannot be read ({error.strerror}): {WAY_OUT}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise PlenoPIVError(f"{path}: is no calibration file ({error}): {WAY_OUT}") from error
+    except PlenoPIVError as error:
+        raise PlenoPIVError(f"{error}: {WAY_OUT}") from error
     try:
         return _calibration(data), {str(k): str(v) for k, v in data["inputs"].items()}
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise PlenoPIVError(f"{path}: {error} is missing or senseless in this calibration: {WAY_OUT}") from error
+    except KeyError as error:
+        raise PlenoPIVError(f"{path}: is damaged: {error} is missing: {WAY_OUT}") from error
+    except (TypeError, ValueError, AttributeError, PlenoPIVError) as error:
+        raise PlenoPIVError(f"{path}: is damaged ({brief(error)}): {WAY_OUT}") from error
 
 
 def _calibration(data: Mapping[str, Any]) -> TargetCalibration:
-    camera, rays = dict(data["camera"]), dict(data["rays"])
-    lattice = dict(camera["lattice"])
-    moved = lattice.pop("map", None)
-    if moved is not None:
-        moved = LatticeMap(**{**moved, "coefficients_mm": tuple(map(tuple, moved["coefficients_mm"]))})
+    camera, rays, found = data["camera"], data["rays"], data["parameters"]
+    moved = camera["lattice"].get("map")
+    lattice = {k: v for k, v in camera["lattice"].items() if k != "map"} | {"map": None}
     whole = PlenopticCamera(
-        MainLens(**camera["main_lens"]),
-        Lattice(**{**lattice, "offset_mm": tuple(lattice["offset_mm"])}, map=moved),
-        float(camera["microlens_focal_length_mm"]),
-        Sensor(**camera["sensor"]),
+        _exactly(MainLens, camera["main_lens"]),
+        replace(_exactly(Lattice, lattice), map=None if moved is None else _exactly(LatticeMap, moved)),
+        _number(camera["microlens_focal_length_mm"]),
+        _exactly(Sensor, camera["sensor"]),
     )
-    medium = dict(rays.pop("medium"))
-    medium["window_tilt_deg"] = tuple(medium["window_tilt_deg"])
-    rays["view_offset_mm"] = [tuple(each) for each in rays["view_offset_mm"]]
-    numbers: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else float(v) for k, v in rays.items()}
-    model = RayModel(**numbers, medium=Medium(**medium))
-    planes = tuple(PlaneResidual(**_plane(plane)) for plane in data["planes"])
-    found = data["parameters"]
+    blocks, views = data["residuals"]["field_um"], data["residuals"]["views_um"]
+    field = tuple(tuple(_three(block) for block in row) for row in blocks)
     return TargetCalibration(
         whole,
-        model,
-        {name: float(found[name]["value"]) for name in found},
-        {name: float(found[name]["std"]) for name in found},
-        planes,
-        tuple(tuple(tuple(block) for block in row) for row in data["residuals"]["field_um"]),
-        tuple((int(m), int(n), float(s), float(t)) for m, n, s, t in data["residuals"]["views_um"]),
+        _exactly(RayModel, {**rays, "medium": _exactly(Medium, rays["medium"])}),
+        {name: _number(found[name]["value"]) for name in found},
+        {name: _number(found[name]["std"]) for name in found},
+        tuple(_exactly(PlaneResidual, plane, finite=False) for plane in data["planes"]),
+        field,
+        tuple((int(m), int(n), _number(s), _number(t)) for m, n, s, t in views),
     )
 
 
-def _plane(table: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: tuple(v) if isinstance(v, list) else v for k, v in table.items()}
+def _exactly(kind: type[Any], table: Mapping[str, Any], finite: bool = True) -> Any:
+    """A dataclass whose every field, and nothing else, ``table`` holds; lists become tuples."""
+    names = {field.name for field in fields(kind)}
+    if missing := names - set(table):
+        raise KeyError(sorted(missing)[0])
+    if strange := set(table) - names:
+        raise ValueError(f"{sorted(strange)[0]} is no key of it")
+    return kind(**{name: table[name] if name in NO_NUMBERS else _tuples(table[name], finite) for name in names})
+
+
+def _tuples(value: Any, finite: bool) -> Any:
+    if isinstance(value, list):
+        return tuple(_tuples(each, finite) for each in value)
+    if isinstance(value, bool) or (finite and not isfinite(value)):
+        raise ValueError(f"{value} is no number")
+    return value + 0
+
+
+def _number(value: Any) -> float:
+    """A finite number, or ValueError."""
+    if not isfinite(value):
+        raise ValueError(f"{value} is no number")
+    return float(value)
+
+
+def _three(values: Any) -> tuple[float, float, float]:
+    x, y, z = values
+    return float(x), float(y), float(z)
 
 
 def _without_none(value: Any) -> Any:

@@ -6,7 +6,7 @@ Two runs of the same inputs give the same bits, so pairs that one has finished a
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ COMPUTING = ("plenopiv", "numpy", "scipy", "numba", "llvmlite")  # libraries who
 
 def stated_inputs(experiment: Experiment, recording: Recording, force: bool) -> dict[str, Any]:
     """Inputs that are known before anything is computed: versions, device, settings, and hashes of the images that
-    calibrate, of mask and body.
+    calibrate, of target, mask and body.
     """
     tables = experiment.model_dump(by_alias=True, exclude_none=True)
     tables.pop("simulation", None)
@@ -41,11 +41,21 @@ def stated_inputs(experiment: Experiment, recording: Recording, force: bool) -> 
 
 
 def calibrating_files(experiment: Experiment, recording: Recording) -> dict[str, str | None]:
-    """Hashes of the images that calibrate, of mask and body, by name; None of a file that cannot be read."""
+    """Hashes of the images that calibrate, of target, mask and body, by name; None of a file that cannot be read."""
     paths = [recording.white_path, *recording.calibration_paths]
     paths += [recording.mask] if isinstance(recording.mask, Path) else []
     paths += [experiment.folder / experiment.volume.body] if experiment.volume.body else []
-    return {path.name: _of_file(path) for path in paths if path is not None}
+    files = [(path.name, path) for path in paths if path is not None]
+    if experiment.calibration is not None:
+        images = [plane.image for plane in experiment.calibration.planes]
+        files += zip(names_of(images), (experiment.folder / image for image in images), strict=True)
+    return {name: _of_file(path) for name, path in files}
+
+
+def names_of(images: Sequence[str]) -> list[str]:
+    """Names of the images of a target, wherever they lie: of the file, and with a number where it is another's too."""
+    names = [Path(image).name for image in images]
+    return [name if names.count(name) == 1 else f"{name} ({k + 1})" for k, name in enumerate(names)]
 
 
 def computing_versions() -> dict[str, str]:

@@ -23,6 +23,8 @@ from plenopiv.io.output import plain
 from plenopiv.lightfield import decode, layout
 from plenopiv.reconstruction.noise import counts_per_electron
 from plenopiv.recording import Recording
+from plenopiv.recording.sources import only_source
+from plenopiv.run.inputs import names_of
 
 FILE = "calibration.toml"
 METHOD = 1  # of the fit: another number makes calibrations of before invalid
@@ -54,9 +56,23 @@ def target_calibration(
             PlenoPIVWarning,
             stacklevel=2,
         )
+    elif (elsewhere := _beside_images(experiment, inputs)) is not None:
+        return elsewhere
     found = make_calibration(experiment, recording, fit, progress)
     save_calibration(found, inputs, path)
     return found
+
+
+def _beside_images(experiment: Experiment, inputs: dict[str, str]) -> TargetCalibration | None:
+    """A calibration of the same inputs beside the target's images: the experiment file of a results folder, which
+    names them where they are, needs none of its own."""
+    assert experiment.calibration is not None
+    path = (experiment.folder / experiment.calibration.planes[0].image).parent / FILE
+    try:
+        found, of = load_calibration(path)
+    except PlenoPIVError:
+        return None
+    return found if of == inputs else None
 
 
 def make_calibration(
@@ -95,18 +111,30 @@ def inputs_of(experiment: Experiment, recording: Recording) -> dict[str, str]:
     """What a calibration depends on, by name: hashes of images and of the keys of the experiment file."""
     assert experiment.calibration is not None
     tables = experiment.model_dump(by_alias=True, exclude_none=True)
+    planes = experiment.calibration.planes
     keys = {key: value for key, value in tables["calibration"].items() if key not in LATER}
-    paths = [recording.white_path, recording.dark_path, *(Path(p.image) for p in experiment.calibration.planes)]
-    images = [experiment.folder / path for path in paths if path is not None]
+    keys["planes"] = [plane.z_mm for plane in planes]  # wherever their images lie
+    mask = recording.mask
+    files = {path.name: path for path in (recording.white_path, recording.dark_path) if path is not None}
+    images = [plane.image for plane in planes]
+    files |= zip(names_of(images), (experiment.folder / image for image in images), strict=True)
     return {
         "method": str(METHOD),
         "[camera]": _hash(tables["camera"]),
         "[calibration]": _hash(keys),
         "[medium]": _hash(tables.get("medium")),
         "recording.orientation": experiment.recording_table.orientation,
-        "recording.mask": _hash(tables["recording"].get("mask")),
-        **{image.name: sha256(image)[:16] if image.exists() else "missing" for image in images},
+        "recording.mask": _of_file(mask) if isinstance(mask, Path) else _hash(mask),
+        **{name: _of_file(path) for name, path in files.items()},
     }
+
+
+def _of_file(name: Path) -> str:
+    """Hash of the file that an image is in; "missing" where it cannot be read, which is told when it is used."""
+    try:
+        return sha256(only_source(name).path)[:16]
+    except (OSError, PlenoPIVError):
+        return "missing"
 
 
 def _hash(value: object) -> str:
