@@ -1,0 +1,127 @@
+"""What a calibration with a target is made of, and when it is made again."""
+
+import tomllib
+import warnings
+
+import numpy as np
+import pytest
+import tifffile
+import tomli_w
+from calibrations import calibrated
+
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.experiment import Experiment
+from plenopiv.io.calibration_file import load_calibration
+from plenopiv.run import target
+from plenopiv.run.inputs import calibrating_files
+
+COLUMNS, ROWS = 120, 96
+IMAGES = "near/target.tif", "far/target.tif", "middle.tif"
+TABLES = {
+    "camera": {
+        "kind": "plenoptic",
+        "main_lens": {"focal_length_mm": 50.0, "aperture_mm": 25.0, "magnification": -1.0},
+        "microlens_array": {"lattice": "hexagonal", "pitch_mm": 0.077, "focal_length_mm": 0.308},
+        "sensor": {"columns": COLUMNS, "rows": ROWS, "pixel_pitch_mm": 0.0055, "bit_depth": 12},
+    },
+    "calibration": {
+        "target": "dots", "pitch_mm": 0.6, "dot_mm": 0.2, "origin_dot_mm": 0.36,
+        "planes": [{"image": image, "z_mm": float(k)} for k, image in enumerate(IMAGES)],
+    },
+    "recording": {
+        "white": "white.tif", "dark": "dark.tif", "mask": "mask.tif", "frames": ["a.tif", "b.tif"], "dt_s": 1e-3,
+        "orientation": "upright",
+    },
+    "volume": {
+        "x_mm": [-0.4, 0.4], "y_mm": [-0.3, 0.3], "z_mm": [-1.0, 1.0], "voxel_mm": [0.02, 0.02, 0.1], "unseen": "empty",
+    },
+    "correlation": {"windows": [[16, 16, 16]]},
+}  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for k, name in enumerate((*IMAGES, "white.tif", "dark.tif", "mask.tif", "a.tif", "b.tif")):
+        write(tmp_path / name, k)
+    (tmp_path / "experiment.toml").write_text(tomli_w.dumps(TABLES))
+    return tmp_path
+
+
+def write(path, seed):
+    path.parent.mkdir(exist_ok=True)
+    tifffile.imwrite(path, np.random.default_rng(seed).integers(0, 9, (ROWS, COLUMNS)).astype(np.uint16))
+
+
+def opened(folder, **calibration):
+    tables = tomllib.loads((folder / "experiment.toml").read_text())
+    tables["calibration"] |= calibration
+    experiment = Experiment.from_dict(tables, folder / "experiment.toml")
+    return experiment, experiment.recording()
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """How often a calibration was made; none is computed."""
+    times = []
+    monkeypatch.setattr(target, "make_calibration", lambda *given: times.append(1) or calibrated())
+    return times
+
+
+@pytest.mark.parametrize("name", [*IMAGES, "white.tif", "dark.tif", "mask.tif"])
+def test_a_changed_image_is_noticed(folder, name):
+    before = target.inputs_of(*opened(folder)), calibrating_files(*opened(folder))
+    write(folder / name, 99)
+    now = target.inputs_of(*opened(folder)), calibrating_files(*opened(folder))
+    assert [len(was.items() ^ found.items()) for was, found in zip(before, now, strict=True)] == [2, 2]
+    write(folder / "a.tif", 99)
+    assert target.inputs_of(*opened(folder)) == now[0]
+
+
+@pytest.mark.parametrize("changed", [{"pitch_mm": 0.61}, {"step_mm": 0.5}, {"x_dot_mm": 0.3}])
+def test_a_changed_key_is_noticed(folder, changed):
+    assert target.inputs_of(*opened(folder, **changed)) != target.inputs_of(*opened(folder))
+
+
+def test_where_the_laboratory_s_origin_is_put_needs_no_new_fit(folder):
+    moved = opened(folder, origin_mm=[1.0, 2.0, 3.0], turn_deg=90.0)
+    assert target.inputs_of(*moved) == target.inputs_of(*opened(folder))
+
+
+def test_it_is_made_once_and_again_of_other_inputs(folder, made):
+    file = folder / "calibration.toml"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(2):
+            assert repr(target.target_calibration(*opened(folder))) == repr(calibrated())
+    assert len(made) == 1
+    write(folder / "middle.tif", 99)
+    with pytest.warns(PlenoPIVWarning, match=r"calibration.toml: was made of other inputs \(middle.tif\); it is made"):
+        target.target_calibration(*opened(folder))
+    assert len(made) == 2
+    assert load_calibration(file)[1] == target.inputs_of(*opened(folder))
+
+
+def test_a_damaged_one_is_refused_and_stays(folder, made):
+    (folder / "calibration.toml").write_text("[inputs]\n")
+    with pytest.raises(PlenoPIVError, match=r"calibration.toml: is damaged: .*: make it anew with: plenopiv calibrate"):
+        target.target_calibration(*opened(folder))
+    assert not made
+    assert (folder / "calibration.toml").read_text() == "[inputs]\n"
+
+
+def test_a_results_folder_finds_the_one_beside_the_images(folder, made):
+    for name in IMAGES:
+        (folder / name).rename(folder / name.replace("/", "_"))
+    planes = [{"image": name.replace("/", "_"), "z_mm": float(k)} for k, name in enumerate(IMAGES)]
+    experiment, recording = opened(folder, planes=planes)
+    target.target_calibration(experiment, recording)
+    results = folder / "results"
+    results.mkdir()
+    (results / "experiment.toml").write_text(experiment.dump_toml(results))
+    again = Experiment.load(results / "experiment.toml")
+    assert repr(target.target_calibration(again, again.recording())) == repr(calibrated())
+    assert len(made) == 1
+    assert [path.name for path in results.iterdir()] == ["experiment.toml"]
+    write(folder / "middle.tif", 99)
+    target.target_calibration(again, again.recording())
+    assert len(made) == 2
