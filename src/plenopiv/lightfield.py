@@ -24,6 +24,7 @@ from plenopiv.errors import PlenoPIVWarning
 
 LIT_SHARE = 0.5  # a pixel less lit by its own lens than this is no equation of the light field
 LARGEST_TURN_RAD = radians(6.0)  # beyond this the projector's weights are off by more than 1 %
+EVEN = 0.99  # of its light, where every pixel keeps more the rim is taken to clip none
 FOREIGN_SHARE = 0.001  # nor is one that a neighbouring lens lights by more than this
 
 
@@ -45,6 +46,9 @@ class Layout:
     fill: NDArray[np.float32]  # (view, lens): share of the pixel that the lens' image of the aperture lights
     seen: NDArray[np.bool_]  # (view, lens): the pixel exists, is lit by this lens and by no other, and can be used
     lost: NDArray[np.bool_] | None = None  # (view, lens): would be seen, but cannot be used
+    light: NDArray[np.float32] | None = (
+        None  # (view, lens): of that light, what the main lens' rim leaves; None for all
+    )
 
     @property
     def views(self) -> int:
@@ -93,6 +97,22 @@ def disc_share(x: NDArray, y: NDArray, radius: float, strips: int = 32) -> NDArr
         total += np.clip(np.minimum(u + 0.5, reach) - np.maximum(u - 0.5, -reach), 0.0, 1.0)
     out[rim] = total / strips
     return out
+
+
+def rim_share(camera: PlenopticCamera, x: NDArray, y: NDArray, s_mm: NDArray, t_mm: NDArray) -> NDArray[np.float64]:
+    """Of the light that the aperture sends to pixels (x, y) px, along columns and rows, from the centres of the
+    micro-images of lenses at (s, t) mm, what the main lens' rim leaves."""
+    rim, px = camera.rim, 1.0 / camera.portion_mm
+    if rim is None:
+        return np.ones(np.shape(x))
+    at_x = x - px * (rim.slip * s_mm + rim.start_mm[0])  # a place on the main lens is seen at the same (x, -y)
+    at_y = y + px * (rim.slip * t_mm + rim.start_mm[1])
+    share, fill = disc_share(at_x, at_y, rim.radius_mm * px, 8), disc_share(x, y, camera.aperture_radius_px, 8)
+    cosine = (x * at_x + y * at_y) / np.maximum(np.hypot(x, y) * np.hypot(at_x, at_y), 1e-9)
+    along = 2.0 / np.pi * np.arcsin(np.clip(cosine, -1.0, 1.0))  # of edges at right angles the product, and so on
+    both = (1 - np.abs(along)) * fill * share + np.maximum(along, 0) * np.minimum(fill, share)
+    both += np.maximum(-along, 0) * np.maximum(fill + share - 1, 0)
+    return np.where(fill > 0, both / np.maximum(fill, 1e-9), 1.0)
 
 
 def _neighbour_offsets_px(camera: PlenopticCamera) -> NDArray:
@@ -168,11 +188,15 @@ def layout(camera: PlenopticCamera, unusable: NDArray[np.bool_] | None = None) -
     fill = np.empty((len(offsets), len(pixel)), np.float32)
     seen = np.empty(fill.shape, bool)
     lost = None if unusable is None else np.zeros(fill.shape, bool)
+    light = None if camera.rim is None else np.ones(fill.shape, np.float32)
     for v, (m, n) in enumerate(offsets):
         x, y = m - phase[:, 0], n - phase[:, 1]
         fill[v] = disc_share(x, y, radius)
         column, row = pixel[:, 0] + m, pixel[:, 1] + n
         seen[v] = (column >= 0) & (column < sensor.columns) & (row >= 0) & (row < sensor.rows) & (fill[v] >= LIT_SHARE)
+        if light is not None:
+            light[v] = rim_share(camera, x, y, s, t)
+            seen[v] &= fill[v] * light[v] >= LIT_SHARE
         if np.hypot(m, n) > camera.image_pitch_px - radius - 1.5:
             foreign = sum(disc_share(x - dx, y - dy, radius + drift, 8) for dx, dy in neighbours)
             seen[v] &= foreign <= FOREIGN_SHARE
@@ -183,7 +207,10 @@ def layout(camera: PlenopticCamera, unusable: NDArray[np.bool_] | None = None) -
     keep = seen.any(1)
     block = i0, j0, i1 - i0 + 1, j1 - j0 + 1
     left = None if lost is None else lost[keep]
-    return Layout(camera, *block, offsets[keep], pixel, phase, fill[keep], seen[keep], left)
+    lit = None if light is None else light[keep]
+    if lit is not None and lit[seen[keep]].min(initial=1.0) > EVEN:
+        lit = None
+    return Layout(camera, *block, offsets[keep], pixel, phase, fill[keep], seen[keep], left, lit)
 
 
 def decode(image: NDArray, where: Layout) -> LightField:

@@ -115,7 +115,7 @@ def _seen_through(
         lens = _lens_number(where, i, j)
         weight = np.where((lens >= 0) & where.seen[view, lens], weight, 0.0)
         light += weight * lightfield.values[view, lens]
-        share += weight * where.fill[view, lens]
+        share += weight * where.fill[view, lens] * (1.0 if where.light is None else where.light[view, lens])
     return light, share
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from plenopiv.calibration.array_fit import LENSES_PER_TERM, ArrayFit, parameters
 from plenopiv.calibration.micro_images import Disc, MicroImages
 from plenopiv.calibration.spectrum import unit_centres
+from plenopiv.cameras.plenoptic import LensRim, PlenopticCamera
 
 PIXEL_BLUR = 1.0 / 12.0**0.5  # standard deviation of a pixel's width, px
 CHUNK = 400_000  # pixels worked on at a time
@@ -44,6 +45,13 @@ class Rim:
     radius_px: float
     slip: float
     start: complex
+
+    def on_main_lens(self, camera: PlenopticCamera) -> LensRim:
+        """The rim on the main lens; micro-images show it inverted."""
+        px = camera.portion_mm  # mm on the main lens per pixel
+        start = -px * self.start
+        slip = -self.slip * (1.0 + camera.image_scale) / camera.image_scale
+        return LensRim(self.radius_px * px, slip, (start.real, start.imag))
 
     def middle(self, position: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Middle of the rim's image from the chief ray, complex."""

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from plenopiv.cameras.plenoptic import LensRim
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lattice import Lattice, LatticeMap, powers
 
@@ -30,7 +31,8 @@ class LatticeFit:
     ``shear_rad``: by how much, relatively, the spacing along the rows exceeds that across them, and by how much the
     angle between the two falls short of a right angle. Both are zero for a regular array parallel to the sensor; where
     the array departs from it by more than chance, ``lattice.map`` holds them and what else the array is distorted by.
-    ``microlenses`` were used, ``rejected`` were not (dust, dead, dark). Standard deviations are 0 where not known.
+    ``rim``: the main lens' rim, where it clips micro-images; None where it does not. ``microlenses`` were used,
+    ``rejected`` were not (dust, dead, dark). Standard deviations are 0 where not known.
     """
 
     lattice: Lattice
@@ -45,6 +47,7 @@ class LatticeFit:
     rotation_std_rad: float = 0.0
     stretch_std: float = 0.0
     shear_std_rad: float = 0.0
+    rim: LensRim | None = None
 
     @property
     def rotation_deg(self) -> float:
@@ -85,7 +88,7 @@ kind = "{lattice.kind}"
 pitch_mm = {lattice.pitch_mm!r}
 rotation_rad = {lattice.rotation_rad!r}  # {fit.rotation_deg:.6f} degrees, counter-clockwise in (s, t)
 offset_mm = [{lattice.offset_mm[0]!r}, {lattice.offset_mm[1]!r}]  # lens nearest to the axis
-{_map_text(lattice.map)}
+{_map_text(lattice.map)}{_rim_text(fit.rim)}
 [fit]
 image_pitch_px = {fit.image_pitch_px!r}
 residual_px = {fit.residual_px!r}  # RMS
@@ -121,6 +124,18 @@ unit_mm = {by.unit_mm!r}  # of s and t
 coefficients_mm = [  # of s, t, s^2, s t, t^2, s^3, ...
 {terms},
 ]
+"""
+
+
+def _rim_text(rim: LensRim | None) -> str:
+    """The section of a rim; nothing without one."""
+    if rim is None:
+        return ""
+    return f"""
+[rim]  # of the main lens, as the microlens at S sees it on the main lens: a disc about slip S + start
+radius_mm = {rim.radius_mm!r}
+slip = {rim.slip!r}
+start_mm = [{rim.start_mm[0]!r}, {rim.start_mm[1]!r}]
 """
 
 
@@ -173,7 +188,16 @@ def load_lattice(path: str | Path) -> LatticeFit:
         microlenses=int(number("fit", "microlenses", 1)),
         rejected=int(number("fit", "rejected", 0)),
         **{key: number("fit", key, 0.0) for key in DEVIATIONS if key in _table(data, "fit")},
+        rim=_rim(data, number, fail) if "rim" in data else None,
     )
+
+
+def _rim(data: dict[str, Any], number: Callable[..., float], fail: Callable[[str], PlenoPIVError]) -> LensRim:
+    """The rim of ``[rim]``. ``number`` reads one key, ``fail`` makes the error that names one."""
+    start: Any = _table(data, "rim").get("start_mm")
+    if not _is_numbers(start) or len(start) != 2 or not all(isfinite(x) for x in start):
+        raise fail("rim.start_mm")
+    return LensRim(number("rim", "radius_mm", 0.0), number("rim", "slip"), (float(start[0]), float(start[1])))
 
 
 def _map(data: Any, fail: Callable[[str], PlenoPIVError]) -> LatticeMap | None:

@@ -16,14 +16,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.calibration import verdict
 from plenopiv.calibration.array_fit import ArrayFit, best_fit, deviations
-from plenopiv.calibration.cat_eyes import chief_rays, find_rim, spot_disc
+from plenopiv.calibration.cat_eyes import Rim, chief_rays, find_rim, spot_disc
 from plenopiv.calibration.lattice_fit import LatticeFit
 from plenopiv.calibration.micro_images import Disc, MicroImages, find_disc, inside, measure, measure_spots, refine_disc
 from plenopiv.calibration.spectrum import find_peaks, read_lattice, read_offset, unit_centres
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.lattice import LatticeKind
+from plenopiv.sensor import Sensor
 
 PITCH_TOLERANCE = 0.03  # stated against found
 REGIONS = 4  # the residual map has REGIONS x REGIONS blocks
@@ -66,7 +68,7 @@ def find_lattice(white: NDArray, camera: PlenopticCamera, name: str = "white ima
             numbers = numbers[:: max(1, len(numbers) // SAMPLE)]
             before, shape = fit(numbers), disc
             measured = (measure_spots if disc.is_spot else measure)(image, before, disc)
-            good = _sound(measured, before, image, name)
+            good = _sound(measured, before, image, camera.sensor, name)
             fit = best_fit(numbers[good], measured.position[good])
             after = fit(numbers)
             good &= inside(image.shape, after, disc.half_window)
@@ -83,19 +85,36 @@ def find_lattice(white: NDArray, camera: PlenopticCamera, name: str = "white ima
     predicted = fit(numbers)
     if disc.is_spot:
         measured = measure_spots(image, predicted, disc)
-        good = _sound(measured, predicted, image, name)
+        good = _sound(measured, predicted, image, camera.sensor, name)
         clipped = spot_disc(image, measured.position[good], disc)
     else:
         shift = measure(image, predicted, disc).position - predicted
         # Measured once more about the centres found: a large shift is only known to some percent from a linear fit.
         measured = measure(image, predicted + shift * np.minimum(1.0, 0.5 / np.maximum(np.abs(shift), 0.5)), disc)
-        good = _sound(measured, predicted, image, name)
+        good = _sound(measured, predicted, image, camera.sensor, name)
         clipped = find_rim(image, measured.position[good], disc)
     if clipped is not None:
         measured = chief_rays(image, numbers, np.where(good, measured.position, predicted), *clipped)
         for _ in range(2):  # lenses that the biased centres left out come back
-            good = _sound(measured, best_fit(numbers[good], measured.position[good])(numbers), image, name)
-    return _summary(camera, image, numbers[good], measured.position[good], int((~good).sum()), name)
+            good = _sound(
+                measured, best_fit(numbers[good], measured.position[good])(numbers), image, camera.sensor, name
+            )
+    _judge(image, measured, good, clipped, abs(fit.pitch), name)
+    found = _summary(camera, image, numbers[good], measured.position[good], int((~good).sum()), name)
+    rim = None if clipped is None or disc.is_spot else clipped[1].on_main_lens(camera)
+    return replace(found, rim=rim)
+
+
+def _judge(
+    image: NDArray, measured: MicroImages, good: NDArray, clipped: tuple[Disc, Rim] | None, pitch_px: float, name: str
+) -> None:
+    """Refuse what is not white; warn where centroids disagree with the centres found."""
+    verdict.check_even(measured.gain, _block(measured.position, image, 8), name)
+    position = measured.position[good]
+    cut = np.abs(position) if clipped is None else clipped[1].cut_px(position, clipped[0])
+    words = verdict.centroid_words(image, position, np.where(cut < 0.0, np.abs(position) - 1e6, cut), pitch_px)
+    if words:
+        warnings.warn(f"{name}: {words}", PlenoPIVWarning, stacklevel=3)
 
 
 def _without_hot_pixels(image: NDArray, black: float) -> NDArray:
@@ -142,21 +161,17 @@ def _first_estimate(image: NDArray, camera: PlenopticCamera, name: str) -> tuple
     peaks = find_peaks(image, stated_px)
     found = read_lattice(peaks, kind, stated_px, PITCH_TOLERANCE) if len(peaks.waves) else None
     if found is None:
-        raise PlenoPIVError(
-            f"{name}: no microlens lattice of about {stated_px:.2f} px found: give an image of an evenly lit white "
-            "surface (not particles, not dark), and check camera.microlens_array.pitch_mm and "
-            "camera.sensor.pixel_pitch_mm"
-        )
+        raise verdict.no_lattice(image, camera.sensor, stated_px, name)
     found_px = abs(found.pitch)
     found_um = 1e3 * camera.lattice.pitch_mm * found_px / stated_px
     if found.kind != kind:
         raise PlenoPIVError(
-            f"{name}: shows a {found.kind} lattice (pitch {found_um:.2f} um, {found_px:.3f} px), but "
+            f"{name}: another lattice: shows a {found.kind} lattice (pitch {found_um:.2f} um, {found_px:.3f} px), but "
             f'camera.microlens_array.lattice states "{kind}": set it to "{found.kind}"'
         )
     if abs(found_px / stated_px - 1.0) > PITCH_TOLERANCE:
         raise PlenoPIVError(
-            f"{name}: shows microlenses {found_um:.2f} um ({found_px:.3f} px) apart, but "
+            f"{name}: another lattice: shows microlenses {found_um:.2f} um ({found_px:.3f} px) apart, but "
             f"camera.microlens_array.pitch_mm states {1e3 * camera.lattice.pitch_mm:.2f} um ({stated_px:.3f} px): "
             "correct it, or camera.sensor.pixel_pitch_mm"
         )
@@ -183,19 +198,16 @@ def _block(position: NDArray[np.complex128], image: NDArray, blocks: int) -> NDA
     return down * blocks + across
 
 
-def _sound(measured: MicroImages, predicted: NDArray, image: NDArray, name: str) -> NDArray[np.bool_]:
+def _sound(measured: MicroImages, predicted: NDArray, image: NDArray, sensor: Sensor, name: str) -> NDArray[np.bool_]:
     """Which micro-images are sound: fitted well, and near to where their neighbours predict them.
 
     Dust and dead microlenses are judged against their own part of the sensor, so that distortion of the array is not
     taken for a fault of many lenses.
     """
     shift = measured.position - predicted
-    fitted = (measured.quality > 0.5) & (measured.gain > 0) & (np.abs(shift) < 2.0)
-    if fitted.mean() < 0.5:
-        raise PlenoPIVError(
-            f"{name}: of {len(fitted)} micro-images only {fitted.mean():.0%} look like evenly lit discs: "
-            "give an image of an evenly lit white surface, not of particles, in focus on the micro-images"
-        )
+    fitted = (measured.quality > 0.5) & (measured.gain > 0) & (np.abs(shift) < verdict.MOVED_PX)
+    if fitted.mean() < verdict.GONE:
+        raise verdict.lost(measured.quality, measured.gain, shift, image, sensor, name)
     sound = fitted.copy()
     block = _block(predicted, image, 8)
     for b in np.unique(block[fitted]):
@@ -226,6 +238,7 @@ def _summary(
     with np.errstate(invalid="ignore"):
         mean = [np.bincount(block, part, minlength=REGIONS**2) / count for part in (residual.real, residual.imag)]
     regions = np.hypot(*mean).reshape(REGIONS, REGIONS)
+    verdict.check_regions(regions, name)
     if np.nanmax(regions) > IRREGULAR_PX:
         row, column = np.unravel_index(np.nanargmax(regions), regions.shape)
         warnings.warn(

@@ -31,16 +31,28 @@ class MainLens:
 
 
 @dataclass(frozen=True)
+class LensRim:
+    """The rim of the main lens, where it clips oblique light: through the microlens at S it is seen, on the main lens,
+    as a disc of ``radius_mm`` about ``slip * S + start_mm``. Lengths in mm, along (x, y)."""
+
+    radius_mm: float
+    slip: float
+    start_mm: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class PlenopticCamera:
     """Everything that fixes where the light of a point goes.
 
-    ``lattice`` is the lattice of the *microlenses* (not of their images, which are ``image_pitch`` apart).
+    ``lattice`` is the lattice of the *microlenses* (not of their images, which are ``image_pitch`` apart). ``rim``:
+    what else than its aperture limits the main lens, None where nothing does.
     """
 
     main_lens: MainLens
     lattice: Lattice
     microlens_focal_length_mm: float
     sensor: Sensor
+    rim: LensRim | None = None
 
     @property
     def image_scale(self) -> float:

@@ -10,7 +10,7 @@ from typing import Any
 
 from plenopiv.calibration.target.calibrated import PlaneResidual, TargetCalibration
 from plenopiv.cameras.medium import Medium
-from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
+from plenopiv.cameras.plenoptic import LensRim, MainLens, PlenopticCamera
 from plenopiv.cameras.ray_model import RayModel
 from plenopiv.errors import PlenoPIVError, brief
 from plenopiv.experiment import text
@@ -76,11 +76,13 @@ def _calibration(data: Mapping[str, Any]) -> TargetCalibration:
     camera, rays, found = data["camera"], data["rays"], data["parameters"]
     moved = camera["lattice"].get("map")
     lattice = {k: v for k, v in camera["lattice"].items() if k != "map"} | {"map": None}
+    rim = camera.get("rim")
     whole = PlenopticCamera(
         _exactly(MainLens, camera["main_lens"]),
         replace(_exactly(Lattice, lattice), map=None if moved is None else _exactly(LatticeMap, moved)),
         _number(camera["microlens_focal_length_mm"]),
         _exactly(Sensor, camera["sensor"]),
+        None if rim is None else _exactly(LensRim, rim),
     )
     blocks, views = data["residuals"]["field_um"], data["residuals"]["views_um"]
     field = tuple(tuple(_three(block) for block in row) for row in blocks)

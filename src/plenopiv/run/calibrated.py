@@ -58,7 +58,7 @@ def calibrated_camera(
     if white is None:
         return camera, {"lattice": "as stated in the experiment file"}
     fit = fit or find_lattice(white, camera, str(recording.white_path))
-    return camera.with_lattice(fit.lattice), {
+    return replace(camera.with_lattice(fit.lattice), rim=fit.rim), {
         "lattice": fit.lattice.kind,
         "pitch_mm": fit.lattice.pitch_mm,
         "rotation_deg": fit.rotation_deg,

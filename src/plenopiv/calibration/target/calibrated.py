@@ -16,7 +16,7 @@ from plenopiv.calibration.target.optics_fit import NAMES, OpticsFit, fit_optics
 from plenopiv.calibration.target.pupil import outline, pupil_and_stop
 from plenopiv.cameras.lens_space import space_map
 from plenopiv.cameras.medium import Medium
-from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
+from plenopiv.cameras.plenoptic import LensRim, MainLens, PlenopticCamera
 from plenopiv.cameras.ray_model import RayModel
 from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.errors import PlenoPIVError
@@ -86,11 +86,15 @@ def lens_space_camera(camera: PlenopticCamera, fit: LatticeFit, radius_px: float
     magnification = camera.main_lens.magnification
     distance = camera.microlens_focal_length_mm / growth
     aperture = 2 * radius_px * camera.sensor.pixel_pitch_mm / growth
+    rim, wider = fit.rim, camera.image_scale / growth
+    if rim is not None:
+        rim = LensRim(wider * rim.radius_mm, wider * rim.slip, (wider * rim.start_mm[0], wider * rim.start_mm[1]))
     return PlenopticCamera(
         MainLens(distance / (1 - magnification), aperture, magnification),
         fit.lattice.scaled((1 + camera.image_scale) / (1 + growth)),
         camera.microlens_focal_length_mm,
         camera.sensor,
+        rim,
     )
 
 

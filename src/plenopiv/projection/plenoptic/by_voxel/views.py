@@ -35,6 +35,8 @@ class ViewsByVoxel:
             self._project(view, volume, PARTIAL_IMAGES, NOTHING, partial, NOTHING, True)
             image[:] = partial.sum(0)
             image[~self.layout.seen[view]] = 0.0
+            if self.layout.light is not None:
+                image *= self.layout.light[view]
         return images
 
     def gather(
@@ -44,6 +46,8 @@ class ViewsByVoxel:
         out = np.zeros(volume.values.size, np.float32)
         for view, image in zip(views, images, strict=True):
             seen, part = np.where(self.layout.seen[view], image, 0.0).astype(np.float32), np.empty_like(out)
+            if self.layout.light is not None:
+                seen *= self.layout.light[view]
             self._project(view, volume, CHUNKS, seen, NO_IMAGES, part, False)
             out += part
         return out

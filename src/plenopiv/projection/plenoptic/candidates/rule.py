@@ -45,6 +45,8 @@ def candidate_planes(
     ``most`` (view, lens). ``rule``: of ``pixel_weights``."""
     where, grid, order = camera.layout, camera.grid, judging_views(camera)
     most = np.where(where.seen, most, np.float32(np.inf))
+    if where.light is not None:  # a pixel that gets less light allows for as much more of a particle
+        most = most / where.light
     exact = rule == EXACT
     largest = weight_sums(camera)[:, 2].astype(np.float32)
     if not exact:

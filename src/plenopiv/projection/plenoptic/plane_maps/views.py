@@ -82,8 +82,14 @@ class MappedViews:
                 (m, n), rim, part = self.layout.offsets[view].astype(np.float32), bool(self.rim[view]), start[k : k + 2]
                 places = self.camera.places_mm(view)
                 fill_view_pixels(self.cam, found, m, n, rim, places, self.layout.phase, first, last, *part, pixels)
+                if self.layout.light is not None:
+                    light = self.layout.light[view, found]
+                    pixels[4, part[0] : part[1]] *= light
+                    pixels[7, part[0] : part[1]] *= light
             middle = -self.layout.offsets[views, 1].astype(np.float32)
-            kept = tuple(views), np.concatenate(lenses), ViewPixels(pixels, start, first, middle, self.rim[views])
+            # the lit shares of pixels are read where a rim cuts some of them
+            rims = self.rim[views] if self.layout.light is None else np.ones(len(views), bool)
+            kept = tuple(views), np.concatenate(lenses), ViewPixels(pixels, start, first, middle, rims)
             self._last = kept
         return kept[1:]
 
