@@ -73,7 +73,7 @@ def pupil_and_stop(
     radius = seen.radius_px + seen.radius_std * rng.standard_normal((DRAWS, 2))
     stop = int(np.argmax(np.abs(optics[2] / seen.growth - optics[1])))  # the rim is where the lens is
     found = [
-        _stop(camera, *o, g[stop], r[stop], g[1 - stop], r[1 - stop])
+        _stop(camera, o[0], o[1], o[2], g[stop], r[stop], g[1 - stop], r[1 - stop])
         for o, g, r in zip((optics, *drawn), (seen.growth, *growth), (seen.radius_px, *radius), strict=True)
     ]
     names = "exit_pupil_mm", "exit_pupil_radius_mm", "stop_mm", "stop_radius_mm", "rim_radius_mm"
