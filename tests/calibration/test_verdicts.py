@@ -48,7 +48,7 @@ def test_another_lattice():
     assert refused(white, pitch_px=15.0).startswith("w.tif: another lattice: shows microlenses ")
 
 
-@pytest.mark.parametrize("fill", [0.6, 1.0, 1.05])
+@pytest.mark.parametrize("fill", [0.6, 0.9, 1.0])
 def test_centroids_contradict_centres_that_are_off(fill):
     white = white_image(SHAPE, "square", 20.0, fill=fill, dust=0.0)[:, ::-1]
     s, t = true_centres(SHAPE, "square", 20.0, 0.0, (0.0, 0.0))

@@ -15,10 +15,12 @@ from plenopiv.sensor import Sensor
 DIM = 4.0  # light over noise below which a lattice that is not found was too dim
 LEAST_COUNTS = 5.0  # of lit pixels above the black level
 UNEVEN = 0.2  # of the light of neighbouring micro-images, by their median deviation: particles have more
+GRAINY, ALIKE = 0.25, 0.08  # noise over light; difference of the light of neighbouring cells of a white image
 GONE = 0.5  # share of micro-images that may be lost
 MOVED_PX = 2.0  # from where neighbours predict a micro-image
 DISTORTED_PX = 0.6  # mean residual of a region that no map describes
 CENTROIDS = 150  # micro-images whose centroids are compared
+CELL = 0.6  # radius, of a pitch, of the pixels of a centroid: some of the gaps between touching discs
 CENTROID_STEPS = 8
 DISAGREED = (0.3, 0.05)  # px, and share of the pitch that uneven light may move a centroid by
 WHITE = "give an image of an evenly lit white surface"
@@ -46,20 +48,37 @@ def _light_and_noise(image: NDArray, sensor: Sensor) -> tuple[float, float]:
     return light, float(1.4826 * np.median(np.abs(apart - np.median(apart)))) / 2.0**0.5
 
 
-def lost(quality: NDArray, gain: NDArray, shift: NDArray, image: NDArray, sensor: Sensor, name: str) -> PlenoPIVError:
-    """The error where less than half of the micro-images are fitted well, near to where they are predicted."""
-    like_discs = (quality > 0.5) & (gain > 0)
-    if like_discs.mean() >= GONE:
-        return PlenoPIVError(
-            f"{name}: too distorted: {np.mean(np.abs(shift[like_discs]) >= MOVED_PX):.0%} of {len(quality)} "
-            f"micro-images lie more than {MOVED_PX:g} px from where their neighbours predict them: check that the "
-            "image is one exposure of the whole array, or have the array seen to"
-        )
+def lost(
+    fitted: NDArray[np.bool_],
+    position: NDArray[np.complex128],
+    pitch_px: float,
+    image: NDArray,
+    sensor: Sensor,
+    name: str,
+) -> PlenoPIVError:
+    """The error where less than half of the micro-images are ``fitted`` well, near to ``position`` (complex, pixels
+    from the axis), where they are predicted. Cells of a distorted array hold as much light as their neighbours."""
     light, noise = _light_and_noise(image, sensor)
-    share = f"of {len(quality)} micro-images only {like_discs.mean():.0%} look like evenly lit discs"
+    share = f"of {len(fitted)} micro-images only {fitted.mean():.0%} look like evenly lit discs"
     if light < max(DIM * noise, LEAST_COUNTS):
         return PlenoPIVError(f"{name}: too dim: {share}: record it with more light, or average several exposures")
+    if noise < GRAINY * light and _unevenness(image, position, pitch_px, sensor) < ALIKE:
+        return PlenoPIVError(
+            f"{name}: too distorted: {share} where their neighbours predict them, though all cells hold as much light: "
+            "check that the image is one exposure of the whole array, or have the array seen to"
+        )
     return PlenoPIVError(f"{name}: not white: {share}: {WHITE}, not of particles, in focus on the micro-images")
+
+
+def _unevenness(image: NDArray, position: NDArray[np.complex128], pitch_px: float, sensor: Sensor) -> float:
+    """Median difference of the light in the cell about each position from that in the next one, over the light."""
+    rows, columns = image.shape
+    half = max(1, int(0.5 * pitch_px))
+    c = np.clip(np.rint(position.real + (columns - 1) / 2.0).astype(int), half, columns - 1 - half)
+    r = np.clip(np.rint(position.imag + (rows - 1) / 2.0).astype(int), half, rows - 1 - half)
+    views = np.lib.stride_tricks.sliding_window_view(image, (2 * half + 1, 2 * half + 1))
+    cell = views[r - half, c - half].mean((1, 2)) - sensor.black_level
+    return float(np.median(np.abs(np.diff(cell))) / max(float(np.median(cell)), 1e-9))
 
 
 def check_even(gain: NDArray, block: NDArray, name: str) -> None:
@@ -92,7 +111,7 @@ def centroid_words(image: NDArray, position: NDArray[np.complex128], unclipped: 
     None where they agree. ``unclipped`` (lens,): the smaller, the less a micro-image is clipped."""
     chosen = position[np.argsort(unclipped, kind="stable")[:CENTROIDS]]
     rows, columns = image.shape
-    axis, half = complex((columns - 1) / 2.0, (rows - 1) / 2.0), int(np.ceil(0.5 * pitch_px + 1.0))
+    axis, half = complex((columns - 1) / 2.0, (rows - 1) / 2.0), int(np.ceil(CELL * pitch_px + 1.0))
     d = np.arange(-half, half + 1)
     views = np.lib.stride_tricks.sliding_window_view(image, (2 * half + 1, 2 * half + 1))
     found = chosen.copy()
@@ -100,7 +119,7 @@ def centroid_words(image: NDArray, position: NDArray[np.complex128], unclipped: 
         c, r = (np.rint(part).astype(int) for part in ((found + axis).real, (found + axis).imag))
         c, r = np.clip(c, half, columns - 1 - half), np.clip(r, half, rows - 1 - half)
         at = c[:, None, None] + 1j * r[:, None, None] - axis + d + 1j * d[:, None]
-        cell = np.clip(0.5 * pitch_px + 0.5 - np.abs(at - found[:, None, None]), 0.0, 1.0)
+        cell = np.clip(CELL * pitch_px + 0.5 - np.abs(at - found[:, None, None]), 0.0, 1.0)
         counts = views[r - half, c - half].astype(np.float64)
         dark = np.array([np.percentile(one[inside > 0], 5) for one, inside in zip(counts, cell, strict=True)])
         light = np.maximum(counts - dark[:, None, None], 0.0) * cell

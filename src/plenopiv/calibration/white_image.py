@@ -207,7 +207,8 @@ def _sound(measured: MicroImages, predicted: NDArray, image: NDArray, sensor: Se
     shift = measured.position - predicted
     fitted = (measured.quality > 0.5) & (measured.gain > 0) & (np.abs(shift) < verdict.MOVED_PX)
     if fitted.mean() < verdict.GONE:
-        raise verdict.lost(measured.quality, measured.gain, shift, image, sensor, name)
+        pitch_px = float(np.median(np.abs(np.diff(predicted)))) if len(predicted) > 1 else 1.0
+        raise verdict.lost(fitted, predicted, pitch_px, image, sensor, name)
     sound = fitted.copy()
     block = _block(predicted, image, 8)
     for b in np.unique(block[fitted]):
