@@ -51,6 +51,18 @@ def test_an_aperture_that_is_not_the_stated_one(recorded):
     assert "aperture_mm = 25" in fault.advice
 
 
+def test_the_aperture_of_a_camera_with_a_target_is_not_the_stated_one(recorded):
+    image = tifffile.imread(recorded() / "white.tif")
+    for stated in (True, False):
+        findings, fit = white_image(image, camera(aperture=0.8), "white.tif", stated)
+        assert fit is not None
+        assert ("stated-aperture" in {finding.name for finding in findings}) == stated
+    findings, _ = white_image(white_of(camera(aperture=1.15)), camera(), "white.tif", stated=False)
+    (fault,) = [finding for finding in findings if finding.name == "f-number"]
+    assert fault.severity == "warning"
+    assert "aperture_mm" not in fault.advice
+
+
 @pytest.mark.full
 @pytest.mark.usefixtures("still")
 def test_cut_off_below_full_scale(recording):

@@ -23,8 +23,11 @@ NO_COUNT = 1.0
 DARK = 0.05  # of the sensor's range that the lit pixels should reach
 
 
-def white_image(white: NDArray, camera: PlenopticCamera, name: str) -> tuple[list[Finding], LatticeFit | None]:
-    """Findings on an upright white image in counts, and the lattice, None where none is found."""
+def white_image(
+    white: NDArray, camera: PlenopticCamera, name: str, stated: bool = True
+) -> tuple[list[Finding], LatticeFit | None]:
+    """Findings on an upright white image in counts, and the lattice, None where none is found. ``stated``: the aperture
+    that the file states is used; that of a camera calibrated with a target is the one that the white image shows."""
     out = [*_light(white, camera, name), *_dead(white, camera, name)]
     try:
         with warnings.catch_warnings():
@@ -35,7 +38,7 @@ def white_image(white: NDArray, camera: PlenopticCamera, name: str) -> tuple[lis
         wrong = "lattice-type" if "lattice states" in words else "no-lattice"
         return [Finding(wrong, "unusable", words, advice=advice), *out], None
     out.insert(0, _lattice(fit, name))
-    out.insert(1, _f_numbers(white, camera.with_lattice(fit.lattice), name))
+    out.insert(1, _f_numbers(white, camera.with_lattice(fit.lattice), name, stated))
     return out, fit
 
 
@@ -50,7 +53,7 @@ def _lattice(fit: LatticeFit, name: str) -> Finding:
     return Finding("lattice-fit", "good", words, fit.residual_px, "px")
 
 
-def _f_numbers(white: NDArray, camera: PlenopticCamera, name: str) -> Finding:
+def _f_numbers(white: NDArray, camera: PlenopticCamera, name: str, is_stated: bool) -> Finding:
     """Width of the micro-images against their pitch, and against what the stated aperture makes of it."""
     width, pitch = 2 * aperture_disc(white, camera).radius_px, camera.image_pitch_px
     ratio, stated = width / pitch, 2 * camera.aperture_radius_px / pitch
@@ -63,11 +66,13 @@ def _f_numbers(white: NDArray, camera: PlenopticCamera, name: str) -> Finding:
         words = f"f-numbers do not match: {words}, so they {effect}"
         advice = (
             f"{turn} the main lens to an aperture of {camera.matched_aperture_mm:.3g} mm, f/{number:.3g} on the image "
-            f"side, and record anew; to use what there is, set camera.main_lens.aperture_mm = "
-            f"{lens.aperture_mm * ratio / stated:.3g}"
+            "side, and record anew"
         )
+        if is_stated:
+            usable = lens.aperture_mm * ratio / stated
+            advice += f"; to use what there is, set camera.main_lens.aperture_mm = {usable:.3g}"
         return Finding("f-number", "warning", words, 100 * ratio, "% of the pitch", advice)
-    if abs(ratio / stated - 1) > STATED:
+    if is_stated and abs(ratio / stated - 1) > STATED:
         words = f"{words}, but the stated aperture of {lens.aperture_mm:.3g} mm makes them {stated * pitch:.2f} px wide"
         advice = f"set camera.main_lens.aperture_mm = {lens.aperture_mm * ratio / stated:.3g} if the lens has it"
         return Finding("stated-aperture", "warning", words, 100 * ratio / stated, "%", advice)

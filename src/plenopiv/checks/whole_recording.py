@@ -60,11 +60,13 @@ def check(
     progress: Progress | None = None,
     *,
     with_motion: bool = True,
+    stated: bool = True,
 ) -> CheckResult:
     """Check a recording: files, white image, frames against it, light, seeding, displacement.
 
     ``camera`` as it is stated, ``grid`` and ``correlation`` as a run would take them. ``progress(stage, done, total)``.
-    ``with_motion``: the displacement too, which takes longest and which a run measures itself.
+    ``with_motion``: the displacement too, which takes longest and which a run measures itself. ``stated``: the stated
+    aperture is used, not that of a calibration with a target.
 
     Raises:
         PlenoPIVError: the white image cannot be read, or no pair of frames.
@@ -84,7 +86,7 @@ def check(
     seen = CheckResult((), camera, names[0], frames[0], image)
     if image is not None:
         report("white image", 0, 1)
-        of_white, found = white.white_image(image, camera, printable(recording.white_path.name))  # type: ignore[union-attr]
+        of_white, found = white.white_image(image, camera, printable(recording.white_path.name), stated)  # type: ignore[union-attr]
         findings += of_white
         report("white image", 1, 1)
         if found is None:

@@ -127,11 +127,12 @@ def simulate(
 
 @app.command()
 def calibrate(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
-    """Find the microlenses in the white image; print and save the lattice.
+    """Find the microlenses in the white image, and the camera in images of a target; print and save both.
 
-    A run does this by itself; calibrate first to see whether the white image is good. The residual says how far
-    micro-images lie from a regular lattice: a few hundredths of a pixel are usual; with tenths, inspect the
-    white image.
+    A run does this by itself; calibrate first to see whether the images are good. The lattice goes into lattice.toml;
+    its residual says how far micro-images lie from it: a few hundredths of a pixel are usual; with tenths, inspect the
+    white image. With [calibration] in the experiment file, optics and pose of the camera go into calibration.toml, and
+    calibration.png shows by depth, field and view how far dots lie off that had no part in the fit.
 
     \b
     Example:

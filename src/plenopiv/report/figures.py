@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from plenopiv.errors import printable
@@ -181,7 +181,7 @@ def histogram_figure(dataset: xarray.Dataset, voxel_mm: Sequence[float], dt_s: f
     return figure
 
 
-def bar(picture: AxesImage, axes: Axes, label: str) -> None:
+def bar(picture: ScalarMappable, axes: Axes, label: str) -> None:
     """A colour bar as high as its axes."""
     axes.figure.colorbar(picture, cax=axes.inset_axes((1.03, 0.0, 0.045, 1.0)), label=label)
 

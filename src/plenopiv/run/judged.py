@@ -131,10 +131,11 @@ def judged(
         PlenoPIVError: it is unusable and the run is not forced, or no image can be read.
     """
     settings = (experiment.camera(), grid_of(experiment, space), experiment.correlation.settings())
-    found = check(recording, *settings, partial(_stage, progress), with_motion=False)
+    look = partial(check, progress=partial(_stage, progress), with_motion=False, stated=experiment.calibration is None)
+    found = look(recording, *settings)
     bad = _unusable(found)
     if len(recording.pairs) > 1 and {finding.name for finding in bad} & OF_FRAMES:
-        other = check(_from_the_middle(recording), *settings, partial(_stage, progress), with_motion=False)
+        other = look(_from_the_middle(recording), *settings)
         if not {finding.name for finding in _unusable(other)} & OF_FRAMES:  # one pair is bad: set aside when it comes
             found, bad = other, _unusable(other)
     possible = found.lattice is not None or recording.white_source is None

@@ -127,22 +127,18 @@ def calibrate_target(
         values, std = values | more[0], std | more[1]
     planes = tuple(_plane(image, n, dots, optics) for n, image in enumerate(images))
     _check_agreement(planes)
-    shift = 1e3 * np.nanmean(dots.view_shift_mm, 0)
-    views = tuple(
-        (int(m), int(n), float(s), float(t))
-        for (m, n), (s, t) in zip(where.offsets.tolist(), shift.tolist(), strict=True)
-        if np.isfinite(s)
-    )
+    used = np.isfinite(dots.view_shift_mm).all(2).any(0)
+    shift = 1e3 * np.nanmean(dots.view_shift_mm[:, used], 0)
+    views = tuple((*offset, *st) for offset, st in zip(where.offsets[used].tolist(), shift.tolist(), strict=True))
     return TargetCalibration(camera, optics.model, values, std, planes, _field(dots, optics), views)
 
 
 def _plane(image: TargetImage, number: int, dots: Dots, optics: OpticsFit) -> PlaneResidual:
     here = dots.plane == number
     off = 1e3 * optics.left_out_mm[here & dots.whole]
-    rms, mean = (np.sqrt((off**2).mean(0)), off.mean(0)) if len(off) else (np.full(3, np.nan),) * 2
-    return PlaneResidual(
-        image.name, image.z_mm, int(here.sum()), len(off), (rms[0], rms[1], rms[2]), (mean[0], mean[1], mean[2])
-    )
+    unknown = [float("nan")] * 3
+    rms, mean = (np.sqrt((off**2).mean(0)).tolist(), off.mean(0).tolist()) if len(off) else (unknown, unknown)
+    return PlaneResidual(image.name, image.z_mm, int(here.sum()), len(off), tuple(rms), tuple(mean))
 
 
 def _field(dots: Dots, optics: OpticsFit) -> tuple[tuple[tuple[float, float, float], ...], ...]:
