@@ -1,7 +1,7 @@
 """A camera calibrated with a target, as numbers alone."""
 
 from plenopiv.calibration.target.calibrated import PlaneResidual, TargetCalibration
-from plenopiv.calibration.target.optics_fit import NAMES
+from plenopiv.calibration.target.optics_fit import LENGTHS, NAMES
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.cameras.ray_model import RayModel
@@ -20,9 +20,9 @@ def calibrated(map_of_lenses=True):
     )  # fmt: skip
     model = RayModel(
         50.2, 101.3, 52.9, Medium(1.336, 64.8, 9.5, 1.52, (0.3, -0.4)), 105.1, 4.2, (1e-5, -2e-5, 3e-3), (-0.05, 0.27),
-        0.0097, (0.0037, 0.0098), 1.0007,
+        0.0097, (0.0037, 0.0098), 1.0007, ((1e-3, -2e-3), (3e-4, 1 / 7)), (0.5, 0.0, -0.1), 0.01,
     )  # fmt: skip
-    values = {name: 1.5 + k for k, name in enumerate((*NAMES, "magnification"))}
+    values = {name: 1.5 + k for k, name in enumerate((*NAMES[:LENGTHS], "magnification"))}
     planes = tuple(
         PlaneResidual(f"target_{k}.tif", 1.4 * k, 88 - k, 70 - k, (0.31, 0.42, 3.3), (0.01, -0.02, 0.4 - k))
         for k in range(3)

@@ -20,7 +20,12 @@ from plenopiv.run import target
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
 from plenopiv.simulation.white import white_image
 
-WORDS = {"gap_mm": "window to lens", "distortion": "distortion at", "turn_x_rad": "target turned about x"}
+WORDS = {
+    "gap_mm": "window to lens",
+    "stop_mm": "stop before",
+    "distortion": "distortion at",
+    "turn_x_rad": "target turned about x",
+}
 WRITTEN = {"lattice.toml", "calibration.toml", "calibration.png"}
 CALIBRATION = """
 [calibration]
@@ -75,8 +80,8 @@ def test_it_prints_saves_and_draws(with_target, capsys):
     assert {path.name for path in set(tree(with_target)) - before} == WRITTEN
     for part in (
         "target     264 dots in 4 planes, 207 of them seen whole",
-        "focal length                1.5000 +- 0.0015 mm",
-        "target turned about z       +601.61 +- 0.60 deg",
+        "focal length                  1.5000 +- 0.0015 mm",
+        "target turned about z         +601.61 +- 0.60 deg",
         "   1.400     87     69    0.31    0.42    3.30  target_1.tif",
         "   4.200      3      0     nan     nan     nan  hidden.tif",
         "largest shift of all dots in a view: 0.60 um, in that of pixel (",
@@ -179,12 +184,16 @@ def test_a_fluid_that_is_not_before_the_camera(with_target, one_line, medium, wo
 
 def test_what_is_called_undetermined():
     made = calibrated()
+    assert not any(line.startswith(WORDS["stop_mm"]) for line in lines_of(made))
+    made.values["stop_mm"], made.std["stop_mm"] = 0.0, 0.1
     for name, std, expected in (
         ("gap_mm", 0.049 * made.values["gap_mm"], False),
         ("gap_mm", 0.051 * made.values["gap_mm"], True),
         ("distortion", 0.051, True),
         ("distortion", 0.049, False),
         ("turn_x_rad", 1.0, False),
+        ("stop_mm", 0.049 * made.values["focal_length_mm"], False),
+        ("stop_mm", 0.051 * made.values["focal_length_mm"], True),
         ("gap_mm", float("nan"), True),
     ):
         made.std[name] = std

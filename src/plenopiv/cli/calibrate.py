@@ -26,7 +26,12 @@ LENGTHS = {
     "magnification": ("magnification", ""),
     "focal_length_mm": ("focal length", "mm"),
     "image_distance_mm": ("image distance", "mm"),
-    "reference_mm": ("exit pupil to array", "mm"),
+    "exit_pupil_mm": ("exit pupil to array", "mm"),
+    "exit_pupil_radius_mm": ("radius of the exit pupil", "mm"),
+    "stop_mm": ("stop before the lens", "mm"),
+    "stop_radius_mm": ("radius of the stop", "mm"),
+    "rim_radius_mm": ("radius of the lens' rim", "mm"),
+    "reference_mm": ("middle of the views to array", "mm"),
     "microlens_focal_length_mm": ("microlenses to sensor", "mm"),
     "gap_mm": ("window to lens", "mm"),
     "fluid_mm": ("z = 0 to window", "mm"),
@@ -127,7 +132,8 @@ def undetermined(calibration: TargetCalibration, name: str) -> bool:
     """Whether the dots and the data sheet leave a parameter open."""
     if name in POSE:
         return False
-    scale = 1.0 if name in SHARES else abs(calibration.values[name])
+    of = "focal_length_mm" if name == "stop_mm" else name  # a stop may stand at the lens
+    scale = 1.0 if name in SHARES else abs(calibration.values[of])
     return not calibration.std[name] <= UNDETERMINED * scale
 
 
@@ -136,11 +142,13 @@ def lines_of(calibration: TargetCalibration) -> list[str]:
     dots, whole = (sum(getattr(plane, key) for plane in calibration.planes) for key in ("dots", "whole"))
     lines = [f"target     {dots} dots in {len(calibration.planes)} planes, {whole} of them seen whole", ""]
     for name, (words, unit) in {**LENGTHS, **SHARES, **POSE}.items():
+        if name not in calibration.values:
+            continue  # micro-images that the lens' rim does not clip do not show the exit pupil
         factor = {"%": 100.0, "deg": degrees(1.0)}.get(unit, 1.0)
         value, std = factor * calibration.values[name], factor * calibration.std[name]
         sign, places = "+" if name in SHARES or name in POSE else "", _places(std)
         known = f"{value:{sign}.{places}f} +- {std:.{places}f} {unit}".rstrip()
-        lines.append(f"{words:<28}" + (f"undetermined ({known})" if undetermined(calibration, name) else known))
+        lines.append(f"{words:<30}" + (f"undetermined ({known})" if undetermined(calibration, name) else known))
     lines += ["", "RMS in um by which dots of a plane lie off that is left out of the fit:"]
     lines.append(f"{'z (mm)':>8} {'dots':>6} {'whole':>6} {'x':>7} {'y':>7} {'z':>7}  image")
     for plane in sorted(calibration.planes, key=lambda p: p.z_mm):
