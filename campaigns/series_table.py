@@ -66,9 +66,11 @@ and failing, is in `tests/io/test_folder_steps.py`.
 - After a resume, rows of the report and keys of the summary came in another order.
 - Frames that were moved away while the run went on set all pairs to come aside; the run now ends, and is resumed.
 - Temporary folders of killed commands stayed.
+- Size and time of a frame's file were noted when its pair was finished, not when it was read: of frames that were moved
+  away in between the manifest had none.
 
-Kills and damages were recorded before HDF5 files were written as `io.aside.Unfailing` does it, the others since; the
-sample of the full tests passes with both.
+Damages were recorded before HDF5 files were written as `io.aside.Unfailing` does it, faults and the thousand pairs
+since, kills last; the sample of the full tests passes with all.
 """
 
 
