@@ -3,7 +3,7 @@
 from plenopiv.calibration.target.calibrated import PlaneResidual, TargetCalibration
 from plenopiv.calibration.target.optics_fit import LENGTHS, NAMES
 from plenopiv.cameras.medium import Medium
-from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
+from plenopiv.cameras.plenoptic import LensRim, MainLens, PlenopticCamera
 from plenopiv.cameras.ray_model import RayModel
 from plenopiv.lattice import Lattice, LatticeMap
 from plenopiv.sensor import Sensor
@@ -11,12 +11,12 @@ from plenopiv.sensor import Sensor
 NAN = float("nan")
 
 
-def calibrated(map_of_lenses=True):
+def calibrated(map_of_lenses=True, rim=True):
     """A calibration of no camera: no two of its numbers are alike."""
     moved = LatticeMap(1, 2.75, ((1e-4, 0.1 + 0.2), (-3e-5, 1 / 3))) if map_of_lenses else None
     camera = PlenopticCamera(
         MainLens(50.1, 21.9, -1.003), Lattice("hexagonal", 0.0771, 0.005, (0.021, -0.013), moved), 0.3081,
-        Sensor(1200, 960, 0.0055, 12, 61.5, "high"),
+        Sensor(1200, 960, 0.0055, 12, 61.5, "high"), LensRim(10.7, 0.13, (0.3, -0.1)) if rim else None,
     )  # fmt: skip
     model = RayModel(
         50.2, 101.3, 52.9, Medium(1.336, 64.8, 9.5, 1.52, (0.3, -0.4)), 105.1, 4.2, (1e-5, -2e-5, 3e-3), (-0.05, 0.27),

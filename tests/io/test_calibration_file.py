@@ -19,9 +19,9 @@ def file(tmp_path):
     return tmp_path / "calibration.toml"
 
 
-@pytest.mark.parametrize("map_of_lenses", [True, False])
-def test_what_is_written_is_read_bit_for_bit(tmp_path, map_of_lenses):
-    made = calibrated(map_of_lenses)
+@pytest.mark.parametrize("irregular", [True, False])
+def test_what_is_written_is_read_bit_for_bit(tmp_path, irregular):
+    made = calibrated(irregular, irregular)
     save_calibration(made, INPUTS, tmp_path / "one.toml")
     found, inputs = load_calibration(tmp_path / "one.toml")
     assert repr(found) == repr(made)
@@ -40,10 +40,10 @@ def keys(table, above=()):
 
 
 def test_no_key_may_be_missing(file):
-    """But for those whose names are data: of inputs, of parameters, and the map of an irregular array."""
+    """But for those whose names are data: of inputs, of parameters, the map of an irregular array and the lens' rim."""
     whole = tomllib.loads(file.read_text())
     named = [way for way in keys(whole) if way[0] in ("inputs", "parameters") and len(way) == 2]
-    ways = [way for way in keys(whole) if way not in named and way[-1] != "map"]
+    ways = [way for way in keys(whole) if way not in named and way[-1] not in ("map", "rim")]
     assert len(ways) > 60
     for way in ways:
         tables = tomllib.loads(file.read_text())

@@ -1,0 +1,242 @@
+"""The optics from dots: what a fit finds, what it leaves out, and what is refused."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from calibrations import calibrated
+
+import plenopiv.calibration.target.calibrated as module
+from plenopiv.calibration.lattice_fit import LatticeFit
+from plenopiv.calibration.target.board import Board, TargetImage
+from plenopiv.calibration.target.calibrated import PlaneResidual, _check_agreement, lens_space_camera
+from plenopiv.calibration.target.fit import Dots, _check_order, _check_planes
+from plenopiv.calibration.target.optics_fit import fit_optics
+from plenopiv.cameras.lens_space import images_of
+from plenopiv.cameras.medium import Medium
+from plenopiv.cameras.plenoptic import LensRim, MainLens, PlenopticCamera
+from plenopiv.cameras.ray_model import RayModel
+from plenopiv.errors import PlenoPIVError
+from plenopiv.lattice import Lattice
+from plenopiv.sensor import Sensor
+
+SHEET = PlenopticCamera(
+    MainLens(50.5, 22.0, -1.0), Lattice("hexagonal", 0.077), 0.308, Sensor(480, 400, 0.0055, 12, 60)
+)
+WATER = Medium(1.333, 40.0, 8.0, 1.52)
+CORNER_MM = 0.5 * 0.0055 * float(np.hypot(480, 400))
+TRUTH = {
+    "focal_length_mm": 50.0, "image_distance_mm": 100.1, "gap_mm": 63.5, "fluid_mm": 40.6, "refractive_index": 1.3335,
+    "microlens_focal_length_mm": 0.307, "reference_mm": 104.0, "turn_x_rad": 0.004, "turn_y_rad": -0.003,
+    "turn_z_rad": 0.02, "x_mm": 0.06, "y_mm": -0.04, "distortion": 0.008, "gap_tilt_s": 0.004, "gap_tilt_t": -0.006,
+}  # fmt: skip
+STD_MM = np.array([1e-4, 1e-4, 2e-3])
+BOARD = Board(0.5, 0.16, 0.28, 0.22)
+
+
+def names(prefix):
+    return tuple(TRUTH[f"{prefix}_{axis}_rad"] for axis in "xyz")
+
+
+def dots_of(camera, planes=(-3.0, -1.5, 0.0, 1.5, 3.0), seed=1):
+    """Dots where the rays of TRUTH have their images, and noise."""
+    t = TRUTH
+    water = replace(WATER, fluid_mm=t["fluid_mm"], refractive_index=t["refractive_index"])
+    scale = t["microlens_focal_length_mm"] / t["reference_mm"] / camera.image_scale
+    model = RayModel(
+        t["focal_length_mm"], t["image_distance_mm"], t["gap_mm"], water, t["reference_mm"], CORNER_MM, names("turn"),
+        (t["x_mm"], t["y_mm"]), t["distortion"], (t["gap_tilt_s"], t["gap_tilt_t"]), scale,
+    )  # fmt: skip
+    number = np.array([(i, j) for i in range(-2, 3) for j in range(-1, 2)])
+    places = np.concatenate([BOARD.places_mm(number, z) for z in planes])
+    n, aperture = len(places), 18.0
+    images = images_of(places, model, camera, 61, aperture).place_mm
+    return Dots(
+        np.repeat(np.arange(len(planes)), len(number)),
+        np.tile(number, (len(planes), 1)),
+        places,
+        images + np.random.default_rng(seed).normal(0, 1, (n, 3)) * STD_MM,
+        np.tile(STD_MM, (n, 1)),
+        np.ones(n),
+        np.ones(n, bool),
+        aperture,
+        np.zeros((len(planes), 1, 2)),
+    )
+
+
+def lens_space():
+    """The camera of lens space as the white image of TRUTH would give it."""
+    growth = TRUTH["microlens_focal_length_mm"] / TRUTH["reference_mm"]
+    distance = SHEET.microlens_focal_length_mm / growth
+    return replace(SHEET, main_lens=MainLens(distance / 2, 22.0, -1.0))
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """Dots with two outliers, one of which is not whole, and their fit."""
+    camera = lens_space()
+    dots = dots_of(camera)
+    dots.lens_mm[7] += 0.02, 0.0, 0.0
+    dots.lens_mm[40] += 0.0, 0.02, 0.0
+    dots.whole[40] = False
+    return dots, fit_optics(dots, camera, WATER)
+
+
+def test_parameters_are_found_within_three_standard_deviations(fitted):
+    _, found = fitted
+    for name, exact in TRUTH.items():
+        assert abs(found.values[name] - exact) < 3 * found.std[name], name
+    exact = 1 - TRUTH["image_distance_mm"] / TRUTH["focal_length_mm"]
+    assert abs(found.values["magnification"] - exact) < 3 * found.std["magnification"]
+    assert found.std["magnification"] < 1e-3
+    assert found.std["turn_z_rad"] < 1e-3
+    assert found.std["distortion"] < 2e-3
+
+
+def test_outliers_and_cut_dots_are_left_out(fitted):
+    _, found = fitted
+    assert np.flatnonzero(~found.used).tolist() == [7, 40]
+    assert found.residual_mm[7, 0] == pytest.approx(0.02, abs=2e-3)
+    assert found.residual_mm[40, 1] == pytest.approx(0.02, abs=2e-3)
+
+
+def test_residuals_are_the_noise_and_left_out_ones_more(fitted):
+    _, found = fitted
+    rms, left_out = (np.sqrt((r[found.used] ** 2).mean(0)) for r in (found.residual_mm, found.left_out_mm))
+    in_fluid = STD_MM * (1, 1, TRUTH["refractive_index"])  # depths in air look shorter
+    assert (rms < 1.1 * in_fluid).all()
+    assert (rms > 0.7 * in_fluid).all()
+    assert (left_out > rms).all()
+
+
+def test_too_few_dots():
+    camera = lens_space()
+    dots = dots_of(camera, planes=(-1.0, 1.0))
+    with pytest.raises(PlenoPIVError, match=r"calibration.planes: only 30 dots are seen whole; \d+ or more are needed"):
+        fit_optics(dots, camera, WATER)
+
+
+def images(*z_mm):
+    return [TargetImage(f"target_{k}.tif", z, np.zeros((2, 2))) for k, z in enumerate(z_mm)]
+
+
+def test_all_planes_at_one_depth():
+    with pytest.raises(PlenoPIVError, match=r"^calibration.planes: all 3 are at z = 1.5 mm; give images of the target"):
+        _check_planes(images(1.5, 1.5, 1.5))
+
+
+def test_two_planes_at_one_depth():
+    with pytest.raises(PlenoPIVError, match=r"^calibration.planes: target_0.tif and target_2.tif are both at 1.5 mm$"):
+        _check_planes(images(1.5, 0.0, 1.5))
+    _check_planes(images(1.5, 0.0))
+
+
+def test_planes_out_of_order():
+    message = (
+        "^calibration.planes: out of order: target_2.tif is said to be at 0 mm and target_1.tif at 1 mm, but the "
+        "images show the first nearer to the camera; z is positive toward the camera$"
+    )
+    with pytest.raises(PlenoPIVError, match=message):
+        _check_order(images(-1.0, 1.0, 0.0), [-1.0, 0.0, 1.0])
+    _check_order(images(-1.0, 1.0, 0.0), [-1.0, 1.0, 0.0])
+
+
+def test_depths_whose_signs_are_turned():
+    with pytest.raises(PlenoPIVError, match=r"z_mm grows away from the camera in all of them; .*: turn the signs"):
+        _check_order(images(-1.0, 0.0, 1.0), [1.0, 0.0, -1.0])
+
+
+def test_a_plane_without_a_depth():
+    with pytest.raises(PlenoPIVError, match=r"^target_1.tif: its dots have no depth; is it in the reach of the camera"):
+        _check_order(images(-1.0, 0.0, 1.0), [-1.0, np.nan, 1.0])
+
+
+def residuals(*mean_z_um, rms_z_um=4.0):
+    return [
+        PlaneResidual(f"target_{k}.tif", float(k), 20, 20, (0.3, 0.3, rms_z_um), (0.0, 0.0, mean))
+        for k, mean in enumerate(mean_z_um)
+    ]
+
+
+def test_a_plane_that_the_others_contradict():
+    message = (
+        "^calibration.planes: target_1.tif is said to be at z = 1 mm; by the other planes it is at 1.200 mm: correct "
+        "its z_mm, or leave the image out$"
+    )
+    with pytest.raises(PlenoPIVError, match=message):
+        _check_agreement(residuals(5.0, 200.0, -30.0, 1.0))
+    _check_agreement(residuals(5.0, 31.0, -30.0, 1.0))  # within eight times the others' RMS
+    _check_agreement(residuals(0.0, 19.0, 0.0, 0.0, rms_z_um=0.1))  # 0.02 mm are no matter
+    _check_agreement(residuals(5.0, 200.0, -30.0))  # of three planes any one may be wrong
+
+
+def test_the_lens_that_stands_for_a_camera():
+    """Pitch and distance of micro-images give the distance of the plane that the middles of all views share."""
+    lattice = Lattice("hexagonal", 0.0773, 0.01, (0.02, -0.01))
+    fit = lattice_fit(lattice, 14.0 * (1 + 0.308 / 110.0))
+    camera = lens_space_camera(SHEET, fit, 6.2)
+    assert camera.main_lens.image_distance_mm == pytest.approx(110.0)
+    assert camera.main_lens.magnification == SHEET.main_lens.magnification
+    assert camera.image_scale == pytest.approx(0.308 / 110.0)
+    assert camera.aperture_radius_px == pytest.approx(6.2)
+    assert camera.rim is None
+    with_rim = lens_space_camera(
+        SHEET, lattice_fit(lattice, 14.0 * (1 + 0.308 / 110.0), LensRim(9.0, 0.1, (1.0, -2.0))), 6.2
+    )
+    wider = SHEET.image_scale / camera.image_scale  # places of the main lens go with the distance
+    assert with_rim.rim == LensRim(9.0 * wider, 0.1 * wider, (1.0 * wider, -2.0 * wider))
+    assert camera.lattice.rotation_rad == lattice.rotation_rad
+    of_stated = lattice.pitch_mm * (1 + SHEET.image_scale)
+    assert camera.lattice.pitch_mm * (1 + camera.image_scale) == pytest.approx(of_stated)
+
+
+@pytest.mark.parametrize("pitch_mm", [0.0768, 0.0772])
+def test_a_pitch_of_another_array(pitch_mm):
+    array = replace(SHEET, lattice=Lattice("hexagonal", pitch_mm))
+    with pytest.raises(PlenoPIVError, match=r"^camera.microlens_array.pitch_mm: micro-images are .* pitches apart"):
+        lens_space_camera(array, lattice_fit(array.lattice, 14.0 * (1 + 0.308 / 100.0)), 6.2)
+
+
+def lattice_fit(lattice, pitch_px, rim=None):
+    """A fit of which only the lattice and the micro-images' pitch matter."""
+    known = {"lattice": lattice, "image_pitch_px": pitch_px, "rim": rim}
+    found = object.__new__(LatticeFit)
+    for field in fields(LatticeFit):
+        object.__setattr__(found, field.name, known.get(field.name, 0))
+    return found
+
+
+PLACES = np.array([[0.0, 0.0, 0.0], [0.5, 0.1, -0.7], [-0.6, 0.4, 1.1]])
+
+
+@pytest.fixture
+def seen_at(monkeypatch):
+    """Where points of the laboratory have their images in lens space, its origin and turn set: by rays, without the
+    polynomials that a map fits to them."""
+    monkeypatch.setattr(module, "space_map", lambda model, camera, limits: (model, camera))
+
+    def seen(places, *later):
+        model, camera = calibrated().space(((-1.0, 1.0),) * 3, *later)
+        return images_of(places, model, camera).place_mm
+
+    return seen
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_the_laboratory_s_origin_is_a_point_of_the_target_s_frame(seen_at, axis):
+    """What is at 0 in the laboratory is where its origin was put, at +0.4 mm along one axis of the target."""
+    origin = np.zeros(3)
+    origin[axis] = 0.4
+    np.testing.assert_allclose(seen_at(PLACES, tuple(origin.tolist())), seen_at(PLACES + origin), atol=1e-12)
+    step = (seen_at(origin[None]) - seen_at(np.zeros((1, 3))))[0]
+    assert step[axis] > 0.25  # toward the same side in lens space: 0.4 mm, in depth over the fluid's index
+
+
+def test_the_laboratory_s_axes_are_turned_counter_clockwise(seen_at):
+    """At 90 degrees what lies along +x of the laboratory lies along +y of the target, seen from the camera."""
+    along_x, along_y = np.array([[0.5, 0.0, 0.3]]), np.array([[0.0, 0.5, 0.3]])
+    quarter = (0.0, 0.0, 0.0), 90.0
+    np.testing.assert_allclose(seen_at(along_x, *quarter), seen_at(along_y), atol=1e-12)
+    np.testing.assert_allclose(seen_at(along_y, *quarter), seen_at(along_x * [-1, 1, 1]), atol=1e-12)
+    moved = seen_at(along_x, (0.2, 0.0, 0.0), 90.0)
+    np.testing.assert_allclose(moved, seen_at(along_y + np.array([0.2, 0.0, 0.0])), atol=1e-12)
