@@ -110,7 +110,7 @@ class DotImages:
     def _table(self, spread: float, radius: float) -> DotTable:
         """The table for a dot of ``radius`` pitches on the microlens plane where A is ``spread``, rounded so that dots
         of a plane share it."""
-        key = round(spread, 3), round(radius, 2)
+        key = round(spread, 3), round(radius, 3)
         if key not in self._tables:
             half = abs(key[0]) * self.camera.portion_mm / 2 / ((1 - key[0]) * self.pitch)
             self._tables[key] = DotTable.of(self.camera.lattice.kind, key[1] / (1 - key[0]), half)
