@@ -69,8 +69,8 @@ NAMED = [
     (
         "predicted time divided by ten",
         "run/duration.py",
-        "TimeEstimate(frame / threads, correlation_s(grid, passes) / threads)",
-        "TimeEstimate(frame / threads / 10, correlation_s(grid, passes) / threads / 10)",
+        "TimeEstimate(frame / threads, pair / threads)",
+        "TimeEstimate(frame / threads / 10, pair / threads / 10)",
     ),
 ]
 

@@ -46,19 +46,16 @@ def folder(tmp_path_factory):
     folder = record(tmp_path_factory.mktemp("laboratory") / "recording").directory
     tables = tomllib.loads((folder / "experiment.toml").read_text())
     tables["volume"] = LIMITS | {"voxel_mm": list(VOXEL_MM)}
-    planes = [{"image": f"target_{k}.tif", "z_mm": 28.0 + k} for k in range(2)]
-    tables["calibration"] = {"target": "dots", "pitch_mm": 0.6, "dot_mm": 0.2, "planes": planes}
+    tables["medium"] = {"refractive_index": N, "fluid_mm": 40.0}
     tables["reconstruction"] = {"iterations": 3}
     tables["output"] = {"volumes": True}
-    for k in range(2):
-        (folder / f"target_{k}.tif").write_bytes(b"read by nobody")
     (folder / "experiment.toml").write_text(tomli_w.dumps(tables))
     return folder
 
 
 @pytest.fixture(autouse=True)
 def known(monkeypatch):
-    """The map, as if the experiment's calibration gave it, and no reports, which take half of a small run."""
+    """The map, as if the experiment's medium gave it, and no reports, which take half of a small run."""
     without_report(monkeypatch)
     monkeypatch.setattr(of_experiment, "space_of", lambda experiment, recording: space())
 

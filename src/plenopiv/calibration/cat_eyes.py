@@ -26,7 +26,9 @@ SEARCH, FIT = 30_000, 120_000  # pixels of the micro-images that the first and t
 RATIOS, SLIPS = (1.05, 1.2, 1.35), (-0.9, -0.45, 0.45, 0.9)  # radii of rim to stop, slip at the corner to the radius
 SEARCH_STEPS, FIT_STEPS = 4, 12
 CANDIDATES = 3  # that are followed up
-CLEARER = 0.97  # of what is left without a rim may be left with one that is believed
+CLEARER = 0.99  # of what is left without a rim may be left with one that is believed
+ALIKE = 1.005  # radius of the rim's image over the stop's: exactly equal ones are taken for the wrong way round ...
+SWAPPED = 1.05  # ... unless the other way leaves so much more
 LEAST_RADIUS_PX = 1.0  # of a spot whose edge can be told
 LEAST_CLIPPED = 0.3  # share of the micro-images from which the others are predicted
 LEAST_CUT_PX = 0.1  # at the farthest micro-image
@@ -211,13 +213,18 @@ def find_rim(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> tu
             begun = Rim(ratio * disc.radius_px, slip * disc.radius_px / far, 0j)
             found.append(refined(image, few, disc, begun, SEARCH_STEPS))
     best = sorted(found, key=lambda each: each[1])[:CANDIDATES]
-    if best[0][1] > CLEARER * without:
-        return None
     (clipped, rim), left = min((refined(image, few, *each[0], FIT_STEPS) for each in best), key=lambda each: each[1])
     if rim is None or left > CLEARER * without:
         return None
-    (clipped, rim), _ = refined(image, many, clipped, rim, FIT_STEPS)
-    return None if rim is None or rim.cut_px(position, clipped).max() < LEAST_CUT_PX else (clipped, rim)
+    (clipped, rim), left = refined(image, many, clipped, rim, FIT_STEPS)
+    if rim is None or rim.cut_px(position, clipped).max() < LEAST_CUT_PX:
+        return None
+    if rim.radius_px < ALIKE * clipped.radius_px:  # of two discs alike either may be the stop's: the smaller one is
+        swapped = Rim(1.02 * rim.radius_px, -rim.slip, -rim.start)
+        (other, rim_2), left_2 = refined(image, many, clipped, swapped, FIT_STEPS)
+        if rim_2 is not None and left_2 < left * (1.0 if rim_2.radius_px < ALIKE * other.radius_px else SWAPPED):
+            return other, rim_2
+    return clipped, rim
 
 
 def spot_disc(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> tuple[Disc, Rim] | None:
@@ -229,8 +236,11 @@ def spot_disc(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> t
 
 
 def _spread(position: NDArray[np.complex128], count: int) -> NDArray[np.complex128]:
-    """Some of the positions, all over the sensor."""
-    return position[np.random.default_rng(position.size).permutation(position.size)[:count]]
+    """Some of the positions, all over the sensor; half of them of the outer third, where a rim clips."""
+    order = np.random.default_rng(position.size).permutation(position.size)
+    outer = np.abs(position[order]) >= np.quantile(np.abs(position), 2.0 / 3.0)
+    half = min(count // 2, int(np.count_nonzero(outer)))
+    return position[np.concatenate([order[outer][:half], order[~outer][: count - half]])]
 
 
 def refined(

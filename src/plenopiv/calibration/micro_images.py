@@ -216,14 +216,22 @@ def _spot_radius(image: NDArray, positions: NDArray[np.complex128], disc: Disc) 
     d = np.arange(-half, half + 1)
     used = np.hypot(d, d[:, None]) < 0.5 * abs(disc.pitch) + 0.25
     rows, columns = image.shape
-    at = measure_spots(image, positions, disc).position + complex((columns - 1) / 2.0, (rows - 1) / 2.0)
-    c, r = np.rint(at.real).astype(int), np.rint(at.imag).astype(int)
-    keep = (c >= half) & (c < columns - half) & (r >= half) & (r < rows - half)
     views = np.lib.stride_tricks.sliding_window_view(image, (2 * half + 1, 2 * half + 1))
-    shape = np.median(views[r[keep] - half, c[keep] - half][:, used].astype(np.float64), axis=0)
+
+    def median_cell(places: NDArray[np.complex128]) -> NDArray[np.float64]:
+        at = places + complex((columns - 1) / 2.0, (rows - 1) / 2.0)
+        c, r = np.rint(at.real).astype(int), np.rint(at.imag).astype(int)
+        keep = (c >= half) & (c < columns - half) & (r >= half) & (r < rows - half)
+        return np.asarray(np.median(views[r[keep] - half, c[keep] - half][:, used].astype(np.float64), axis=0))
+
+    shape = median_cell(positions)
     dark, middle, high = np.percentile(shape, (10, 50, 99))
-    if middle - dark > DARK * (high - dark):
+    inner = shape[np.hypot(d, d[:, None])[used] <= max(1.0, 0.15 * abs(disc.pitch))].mean()
+    lit = high - dark
+    if middle - dark > DARK * lit or inner - dark < 0.5 * lit:  # discs that overlap are brightest where they do
         return np.inf
+    shape = median_cell(measure_spots(image, positions, disc).position)
+    dark, high = np.percentile(shape, (10, 99))
     light = np.maximum(shape - dark - 0.1 * (high - dark), 0.0)
     return float(np.sqrt(2.0 * np.sum(light * np.hypot(d, d[:, None])[used] ** 2) / max(light.sum(), 1e-9)))
 

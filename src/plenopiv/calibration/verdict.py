@@ -19,7 +19,8 @@ GRAINY, ALIKE = 0.25, 0.08  # noise over light; difference of the light of neigh
 GONE = 0.5  # share of micro-images that may be lost
 MOVED_PX = 2.0  # from where neighbours predict a micro-image
 DISTORTED_PX = 0.6  # mean residual of a region that no map describes
-CENTROIDS = 150  # micro-images whose centroids are compared
+CENTROIDS, LEAST_CENTROIDS = 150, 20  # micro-images whose centroids are compared
+UNCLIPPED_PX = 0.1  # depth of a cut that moves no centroid
 CELL = 0.6  # radius, of a pitch, of the pixels of a centroid: some of the gaps between touching discs
 CENTROID_STEPS = 8
 DISAGREED = (0.3, 0.05)  # px, and share of the pitch that uneven light may move a centroid by
@@ -106,10 +107,12 @@ def check_regions(regions: NDArray, name: str) -> None:
         )
 
 
-def centroid_words(image: NDArray, position: NDArray[np.complex128], unclipped: NDArray, pitch_px: float) -> str | None:
-    """Words for a warning where centroids disagree with fitted centres ``position`` (complex, pixels from the axis);
-    None where they agree. ``unclipped`` (lens,): the smaller, the less a micro-image is clipped."""
-    chosen = position[np.argsort(unclipped, kind="stable")[:CENTROIDS]]
+def centroid_words(image: NDArray, position: NDArray[np.complex128], pitch_px: float) -> str | None:
+    """Words for a warning where centroids disagree with the fitted centres ``position`` (complex, pixels from the axis)
+    of micro-images that nothing clips; None where they agree, or are too few. Those next to the axis are compared."""
+    chosen = position[np.argsort(np.abs(position), kind="stable")[:CENTROIDS]]
+    if chosen.size < LEAST_CENTROIDS:
+        return None
     rows, columns = image.shape
     axis, half = complex((columns - 1) / 2.0, (rows - 1) / 2.0), int(np.ceil(CELL * pitch_px + 1.0))
     d = np.arange(-half, half + 1)

@@ -111,8 +111,9 @@ def _judge(
     """Refuse what is not white; warn where centroids disagree with the centres found."""
     verdict.check_even(measured.gain, _block(measured.position, image, 8), name)
     position = measured.position[good]
-    cut = np.abs(position) if clipped is None else clipped[1].cut_px(position, clipped[0])
-    words = verdict.centroid_words(image, position, np.where(cut < 0.0, np.abs(position) - 1e6, cut), pitch_px)
+    if clipped is not None:
+        position = position[clipped[1].cut_px(position, clipped[0]) < verdict.UNCLIPPED_PX]
+    words = verdict.centroid_words(image, position, pitch_px)
     if words:
         warnings.warn(f"{name}: {words}", PlenoPIVWarning, stacklevel=3)
 
