@@ -135,6 +135,9 @@ def test_another_map_is_another_calibration(results, folder, monkeypatch):
 
 def test_a_volume_that_the_camera_does_not_see(folder):
     tables = tomllib.loads((folder / "experiment.toml").read_text())
+    planes = [{"image": f"target_{k}.tif", "z_mm": 28.0 + k} for k in range(2)]  # read by nobody
+    del tables["medium"]
+    tables["calibration"] = {"target": "dots", "pitch_mm": 0.6, "dot_mm": 0.2, "origin_dot_mm": 0.3, "planes": planes}
     for key, limits, words in (
         ("x_mm", [0.0, 1.4], r"experiment.toml: volume: 100 % of it is seen by no view; reduce x_mm"),
         ("z_mm", [28.0, 228.0], r"volume.z_mm: 148.537 mm in lens space is not in front of the main lens, which is at"),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from plenopiv.errors import PlenoPIVError
 from plenopiv.sensor import Sensor
 
+LARGEST_GAIN, LARGEST_READ_NOISE = 20.0, 60.0  # counts to an electron, and counts: of a sensor
 DIM = 4.0  # light over noise below which a lattice that is not found was too dim
 LEAST_COUNTS = 5.0  # of lit pixels above the black level
 UNEVEN = 0.2  # of the light of neighbouring micro-images, by their median deviation: particles have more
@@ -31,7 +32,7 @@ def no_lattice(image: NDArray, sensor: Sensor, stated_px: float, name: str) -> P
     """The error for an image in whose spectrum no lattice is found."""
     light, noise = _light_and_noise(image, sensor)
     found = f"no microlens lattice of about {stated_px:.2f} px found"
-    if light < max(DIM * noise, LEAST_COUNTS):
+    if _is_dim(light, noise):
         return PlenoPIVError(
             f"{name}: too dim: {found}, lit pixels hold {light:.0f} counts above the black level with a noise of "
             f"{noise:.0f}: record it with more light, or average several exposures"
@@ -49,6 +50,12 @@ def _light_and_noise(image: NDArray, sensor: Sensor) -> tuple[float, float]:
     return light, float(1.4826 * np.median(np.abs(apart - np.median(apart)))) / 2.0**0.5
 
 
+def _is_dim(light: float, noise: float) -> bool:
+    """Whether too little light is the fault: what varies by more than a sensor's noise does so itself, as speckle."""
+    of_sensor = (LARGEST_GAIN * max(light, 0.0) + LARGEST_READ_NOISE**2) ** 0.5
+    return light < LEAST_COUNTS or (light < DIM * noise and noise < of_sensor)
+
+
 def lost(
     fitted: NDArray[np.bool_],
     position: NDArray[np.complex128],
@@ -61,7 +68,7 @@ def lost(
     from the axis), where they are predicted. Cells of a distorted array hold as much light as their neighbours."""
     light, noise = _light_and_noise(image, sensor)
     share = f"of {len(fitted)} micro-images only {fitted.mean():.0%} look like evenly lit discs"
-    if light < max(DIM * noise, LEAST_COUNTS):
+    if _is_dim(light, noise):
         return PlenoPIVError(f"{name}: too dim: {share}: record it with more light, or average several exposures")
     if noise < GRAINY * light and _unevenness(image, position, pitch_px, sensor) < ALIKE:
         return PlenoPIVError(
