@@ -151,9 +151,9 @@ def test_a_plane_without_a_depth():
         _check_order(images(-1.0, 0.0, 1.0), [-1.0, np.nan, 1.0])
 
 
-def residuals(*mean_z_um, rms_z_um=4.0):
+def residuals(*mean_z_um):
     return [
-        PlaneResidual(f"target_{k}.tif", float(k), 20, 20, (0.3, 0.3, rms_z_um), (0.0, 0.0, mean))
+        PlaneResidual(f"target_{k}.tif", float(k), 20, 20, (0.3, 0.3, abs(mean)), (0.0, 0.0, mean))
         for k, mean in enumerate(mean_z_um)
     ]
 
@@ -164,10 +164,21 @@ def test_a_plane_that_the_others_contradict():
         "its z_mm, or leave the image out$"
     )
     with pytest.raises(PlenoPIVError, match=message):
-        _check_agreement(residuals(5.0, 200.0, -30.0, 1.0))
-    _check_agreement(residuals(5.0, 31.0, -30.0, 1.0))  # within eight times the others' RMS
-    _check_agreement(residuals(0.0, 19.0, 0.0, 0.0, rms_z_um=0.1))  # 0.02 mm are no matter
-    _check_agreement(residuals(5.0, 200.0, -30.0))  # of three planes any one may be wrong
+        _check_agreement(residuals(900.0, 200.0, -300.0, 100.0), [300.0, 4.0, 200.0, 150.0])
+    _check_agreement(residuals(5.0, 31.0, -30.0, 1.0), [4.0] * 4)  # within eight times the others' RMS
+    _check_agreement(residuals(0.0, 19.0, 0.0, 0.0), [0.1] * 4)  # 0.02 mm are no matter
+    _check_agreement(residuals(5.0, 200.0, -30.0), [4.0] * 3)  # of three planes any one may be wrong
+    _check_agreement(residuals(5.0, float("nan"), -30.0, 1.0), [4.0] * 4)  # of no dot seen whole
+
+
+def test_a_plane_that_is_elsewhere_is_told_by_the_others_residuals():
+    camera = lens_space()
+    dots = dots_of(camera)
+    dots.laboratory_mm[dots.plane == 2, 2] += 1.2
+    found = fit_optics(dots, camera, WATER)
+    assert found.without_mm[2] < 4e-3
+    assert min(found.without_mm[k] for k in (0, 1, 3, 4)) > 0.05
+    assert found.left_out_mm[dots.plane == 2, 2].mean() == pytest.approx(-1.2, abs=0.01)
 
 
 def test_the_lens_that_stands_for_a_camera():

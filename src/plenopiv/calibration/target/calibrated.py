@@ -24,7 +24,7 @@ from plenopiv.lightfield import layout
 from plenopiv.volume import Limits
 
 BLOCKS = 3  # of the field along x and along y
-DISAGREES = 8.0  # times the other planes' RMS: a plane so far off was not where it is said to be
+DISAGREES = 8.0  # times the others' RMS residual: a plane so far off was not where it is said to be
 DISAGREES_MM = 0.02
 GROWTH = 0.6, 1.6  # of a micro-image pitch over the microlenses', beyond what the data sheet's lengths say
 
@@ -126,7 +126,7 @@ def calibrate_target(
         more = pupil_and_stop(seen, camera, lengths, optics.covariance[np.ix_(which, which)])
         values, std = values | more[0], std | more[1]
     planes = tuple(_plane(image, n, dots, optics) for n, image in enumerate(images))
-    _check_agreement(planes)
+    _check_agreement(planes, [1e3 * optics.without_mm.get(n, float("nan")) for n in range(len(planes))])
     used = np.isfinite(dots.view_shift_mm).all(2).any(0)
     shift = 1e3 * np.nanmean(dots.view_shift_mm[:, used], 0)
     views = tuple((*offset, *st) for offset, st in zip(where.offsets[used].tolist(), shift.tolist(), strict=True))
@@ -156,14 +156,16 @@ def _field(dots: Dots, optics: OpticsFit) -> tuple[tuple[tuple[float, float, flo
     return tuple(out)
 
 
-def _check_agreement(planes: Sequence[PlaneResidual]) -> None:
-    """A plane that is not where the others say it is."""
+def _check_agreement(planes: Sequence[PlaneResidual], others_um: Sequence[float]) -> None:
+    """A plane that is not where the others say it is. ``others_um``: RMS residual along z of all others when a plane is
+    left out of the fit. A plane that is wrong bends every fit that it is part of: only where it is left out do the
+    others agree."""
     if len(planes) < 4:
         return
     off = np.array([abs(plane.mean_um[2]) for plane in planes])
-    worst = int(np.nanargmax(off))
-    others = float(np.nanmedian(np.delete([plane.rms_um[2] for plane in planes], worst)))
-    if off[worst] > max(DISAGREES * others, 1e3 * DISAGREES_MM):
+    beyond = off / np.maximum(DISAGREES * np.array(others_um), 1e3 * DISAGREES_MM)
+    worst = int(np.argmax(np.nan_to_num(beyond)))
+    if beyond[worst] > 1:
         plane = planes[worst]
         raise PlenoPIVError(
             f"calibration.planes: {plane.image} is said to be at z = {plane.z_mm:g} mm; by the other planes it is at "

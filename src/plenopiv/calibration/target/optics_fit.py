@@ -41,8 +41,9 @@ OUTLIER = 6.0
 class OpticsFit:
     """The optics and how well they are known. ``values``, ``std``: by the names of ``NAMES``, but for the views'
     offsets, and ``magnification``; ``covariance``: of all ``NAMES``; ``residual_mm`` (n, 3): of the dots, in the
-    laboratory; ``left_out_mm`` (n, 3): the same with the dot's plane left out of the fit; ``used`` (n,): dots that are
-    no outliers."""
+    laboratory; ``left_out_mm`` (n, 3): the same with the dot's plane left out of the fit; ``without_mm``: RMS residual
+    of all others along z in the fit that leaves out a plane, by its number; ``used`` (n,): dots that are no
+    outliers."""
 
     model: RayModel
     values: dict[str, float]
@@ -50,6 +51,7 @@ class OpticsFit:
     covariance: NDArray[np.float64]
     residual_mm: NDArray[np.float64]
     left_out_mm: NDArray[np.float64]
+    without_mm: dict[int, float]
     used: NDArray[np.bool_]
 
 
@@ -76,11 +78,12 @@ def fit_optics(dots: Dots, camera: PlenopticCamera, medium: Medium | None) -> Op
         if (now == used).all():
             break
         used = now
-    left_out = np.full((len(dots), 3), np.nan)
-    for plane in np.unique(dots.plane):
-        others = problem.solve(dots.where(used & (dots.plane != plane)), start).x
-        here = dots.plane == plane
+    left_out, without = np.full((len(dots), 3), np.nan), {}
+    for plane in np.unique(dots.plane).tolist():
+        here, there = dots.plane == plane, used & (dots.plane != plane)
+        others = problem.solve(dots.where(there), start).x
         left_out[here] = problem.in_laboratory(others, dots.where(here))
+        without[plane] = float(np.sqrt((problem.in_laboratory(others, dots.where(there))[:, 2] ** 2).mean()))
     covariance = np.linalg.inv(found.jac.T @ found.jac)
     degrees = max(1, 3 * int(used.sum()) - len(NAMES))
     misfit = max(1.0, float((problem.scaled(start, dots.where(used)) ** 2).sum()) / degrees)
@@ -92,7 +95,14 @@ def fit_optics(dots: Dots, camera: PlenopticCamera, medium: Medium | None) -> Op
     values["magnification"] = 1 - si / f
     std["magnification"] = float(np.sqrt(slope @ covariance[:2, :2] @ slope * misfit))
     return OpticsFit(
-        problem.model(start), values, std, covariance * misfit, problem.in_laboratory(start, dots), left_out, used
+        problem.model(start),
+        values,
+        std,
+        covariance * misfit,
+        problem.in_laboratory(start, dots),
+        left_out,
+        without,
+        used,
     )
 
 
