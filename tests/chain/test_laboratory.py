@@ -94,7 +94,7 @@ def test_a_linear_flow_behind_water_is_the_laboratory_s():
     assert (np.abs(bias) < 0.03).all()
 
 
-@pytest.mark.parametrize("function", [behind_water, turned_by_a_quarter])
+@pytest.mark.parametrize("function", [pytest.param(behind_water, marks=pytest.mark.full), turned_by_a_quarter])
 @pytest.mark.parametrize("axis", range(3))
 def test_a_motion_along_an_axis_of_the_laboratory_is_along_that_axis(function, axis):
     step = np.zeros(3)
@@ -135,6 +135,7 @@ def test_voxels_of_lens_space_are_the_laboratory_s():
     assert chain_of(None).lens_grid is GRID
 
 
+@pytest.mark.full
 def test_an_ensemble_of_one_pair_is_that_pair():
     chain = chain_of(behind_water, small=True)
     volumes = volumes_of(chain, behind_water, lambda p: np.broadcast_to(MOVED_MM, p.shape), 300)

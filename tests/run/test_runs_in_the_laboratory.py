@@ -114,6 +114,7 @@ def test_a_damaged_map_of_a_kept_volume(results, tmp_path):
             volume_in_laboratory(tmp_path / "a.h5")
 
 
+@pytest.mark.full
 def test_correlating_kept_volumes_again_gives_the_same_bits(results, tmp_path):
     again = plenopiv.correlate(results.directory, out=tmp_path / "again")
     assert again.summary["frame"] == "laboratory"
@@ -122,6 +123,7 @@ def test_correlating_kept_volumes_again_gives_the_same_bits(results, tmp_path):
         assert values.values.tobytes() == found[name].values.tobytes(), name
 
 
+@pytest.mark.full
 def test_another_map_is_another_calibration(results, folder, monkeypatch):
     experiment = Experiment.load(folder / "experiment.toml")
     monkeypatch.setattr(
