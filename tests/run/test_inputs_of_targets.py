@@ -13,6 +13,7 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.io.calibration_file import load_calibration
 from plenopiv.run import target
+from plenopiv.run.calibrated import calibrated_camera
 from plenopiv.run.inputs import calibrating_files
 
 COLUMNS, ROWS = 120, 96
@@ -99,6 +100,15 @@ def test_it_is_made_once_and_again_of_other_inputs(folder, made):
         target.target_calibration(*opened(folder))
     assert len(made) == 2
     assert load_calibration(file)[1] == target.inputs_of(*opened(folder))
+
+
+def test_what_a_summary_says_of_it(folder, made):
+    """Residuals of all dots; a plane of which none is seen whole has none."""
+    camera, said = calibrated_camera(*opened(folder))
+    assert repr(camera) == repr(calibrated().camera)
+    assert said["target_dots"] == 207
+    assert said["target_residual_um"] == pytest.approx([0.31, 0.42, 3.3])
+    assert said["pitch_mm"] == 0.0771
 
 
 def test_a_damaged_one_is_refused_and_stays(folder, made):

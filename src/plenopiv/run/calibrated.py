@@ -45,14 +45,15 @@ def calibrated_camera(
         PlenoPIVError: the white image cannot be used, or shows no lattice like the camera's.
     """
     if (calibration := target or target_calibration(experiment, recording, fit)) is not None:
-        lattice, rms = calibration.camera.lattice, np.array([plane.rms_um for plane in calibration.planes])
+        lattice, seen = calibration.camera.lattice, [plane for plane in calibration.planes if plane.whole]
+        squares, dots = np.square([plane.rms_um for plane in seen]), [plane.whole for plane in seen]
         return calibration.camera, {
             "lattice": lattice.kind,
             "pitch_mm": lattice.pitch_mm,
             "rotation_deg": degrees(lattice.rotation_rad),
             "offset_mm": lattice.offset_mm,
-            "target_residual_um": np.sqrt((rms**2).mean(0)).tolist(),
-            "target_dots": sum(plane.whole for plane in calibration.planes),
+            "target_residual_um": np.sqrt(np.average(squares, axis=0, weights=dots)).tolist(),
+            "target_dots": sum(dots),
         }
     camera, white = experiment.camera(), recording.white()
     if white is None:
