@@ -34,7 +34,8 @@ GROWTH = 1.6  # of that radius from one stage to the next
 MOST_FITS = 8  # of each stage
 CONVERGED_PX = 1e-3  # by which the farthest centre, radius and blur still change
 SAMPLE = 3000  # micro-images of each fit but the last, which takes all
-HOT, MOST_HOT = 1.4, 0.01  # times the brightest neighbour; share of the pixels
+HOT, HOT_LIGHT = 1.4, 0.15  # times the brightest neighbour, and more than it by this share of lit pixels' light
+MOST_HOT = 0.01  # share of the pixels
 IRREGULAR_PX = 0.1  # a region's mean residual that is worth a warning
 
 
@@ -94,15 +95,23 @@ def find_lattice(white: NDArray, camera: PlenopticCamera, name: str = "white ima
         good = _sound(measured, predicted, image, camera.sensor, name)
         clipped = find_rim(image, measured.position[good], disc)
     if clipped is not None:
-        measured = chief_rays(image, numbers, np.where(good, measured.position, predicted), *clipped)
-        for _ in range(2):  # lenses that the biased centres left out come back
-            good = _sound(
-                measured, best_fit(numbers[good], measured.position[good])(numbers), image, camera.sensor, name
-            )
+        by_disc = chief_rays(image, numbers, np.where(good, measured.position, predicted), *clipped)
+        # of spots a disc may say less than their centroids; rims are believed
+        if not disc.is_spot or _scatter(numbers, by_disc, good) < _scatter(numbers, measured, good):
+            measured = by_disc
+            for _ in range(2):  # lenses that the biased centres left out come back
+                after = best_fit(numbers[good], measured.position[good])(numbers)
+                good = _sound(measured, after, image, camera.sensor, name)
     _judge(image, measured, good, clipped, abs(fit.pitch), name)
     found = _summary(camera, image, numbers[good], measured.position[good], int((~good).sum()), name)
     rim = None if clipped is None or disc.is_spot else clipped[1].on_main_lens(camera)
     return replace(found, rim=rim)
+
+
+def _scatter(numbers: NDArray[np.complex128], measured: MicroImages, good: NDArray[np.bool_]) -> float:
+    """Median distance of measured centres from their fit, px."""
+    position = measured.position[good]
+    return float(np.median(np.abs(position - best_fit(numbers[good], position)(numbers[good]))))
 
 
 def _judge(
@@ -126,8 +135,8 @@ def _without_hot_pixels(image: NDArray, black: float) -> NDArray:
     around[1, 1] = False
     light = image.astype(np.float32) - np.float32(black)
     brightest = ndimage.maximum_filter(light, footprint=around, mode="nearest")
-    noise = 1.4826 * float(np.median(np.abs(light - np.median(light))))
-    hot = (light > HOT * np.maximum(brightest, 0)) & (light - brightest > 0.05 * max(noise, 1.0))
+    least = HOT_LIGHT * float(np.percentile(light, 99))
+    hot = (light > HOT * np.maximum(brightest, 0)) & (light - brightest > max(least, 1.0))
     if not hot.any() or hot.mean() > MOST_HOT:
         return image
     out = image.copy()
