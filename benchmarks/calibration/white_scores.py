@@ -78,6 +78,7 @@ def main():
         if str(seed) in found:
             continue
         found[str(seed)] = scored(seed)
+        found = dict(sorted(found.items(), key=lambda item: int(item[0])))
         options.results.write_text("{\n" + ",\n".join(f'"{k}": {json.dumps(v)}' for k, v in found.items()) + "\n}\n")
         f = found[str(seed)]
         words = f.get("refused") or f.get("crashed") or f"{f['worst_px']:.3f} px {f['array']} {'; '.join(f['warned'])}"

@@ -226,7 +226,7 @@ def _spot_radius(image: NDArray, positions: NDArray[np.complex128], disc: Disc) 
 
     shape = median_cell(positions)
     dark, middle, high = np.percentile(shape, (10, 50, 99))
-    inner = shape[np.hypot(d, d[:, None])[used] <= max(1.0, 0.15 * abs(disc.pitch))].mean()
+    inner = shape[np.hypot(d, d[:, None])[used] <= max(1.0, 0.06 * abs(disc.pitch))].mean()
     lit = high - dark
     if middle - dark > DARK * lit or inner - dark < 0.5 * lit:  # discs that overlap are brightest where they do
         return np.inf
@@ -245,7 +245,8 @@ def refine_disc(image: NDArray, positions: NDArray[np.complex128], disc: Disc) -
         left += len(counts) * (even.T @ even)
         right += even.T @ counts.sum(0)
     gain, d_radius, d_blur = (np.linalg.pinv(left, rcond=1e-12, hermitian=True) @ right)[:3]
-    step = np.clip(d_radius / gain, -0.5, 0.5) if gain > 0 else 0.0
+    most = min(0.5, 0.08 * disc.radius_px)
+    step = np.clip(d_radius / gain, -most, most) if gain > 0 else 0.0
     width = np.clip(disc.blur_px + d_blur / gain, 0.6 * disc.blur_px, 1.5 * disc.blur_px) if gain > 0 else disc.blur_px
     pitch = abs(disc.pitch)
     return Disc(
