@@ -51,6 +51,19 @@ def test_micro_images_are_apart_by_the_exit_pupil():
     assert abs(16 * 0.077 * (1 + 0.308 / 100.0) / 0.0055 - 16 * pitch) > 0.05  # it would be seen
 
 
+def test_microlenses_of_a_distorted_array_are_further_off_the_axis():
+    """By 1 % in the corner, as the square of the distance; particles come through the lenses of the white image."""
+    camera = RealCamera.of(STRIP, array_distortion=0.01)
+    white = real_white_image(camera, samples=400)
+    corner, pitch = np.hypot(505, 43) / 2, 0.077 * (1 + 0.308 / 100.0) / 0.0055
+    for k in (-16, 8):
+        at = k * pitch * (1 + 0.01 * (k * 14.0 / corner) ** 2)
+        assert centroid(white, at) == pytest.approx([at, 0.0], abs=0.03)
+    s = 16 * 0.077 * (1 + 0.01 * (16 * 14.0 / corner) ** 2)  # a point in focus, imaged onto a microlens' centre
+    image = real_particle_image(camera, Particles(np.array([[-s, 0.0, 0.0]]), np.array([2000.0])), rays=4000, seed=1)
+    assert abs(centroid(image)[0]) == pytest.approx(s * (1 + 0.308 / 100.0) / 0.0055, abs=0.3)
+
+
 def test_the_rim_cuts_the_inner_side_of_micro_images():
     """Light to the right of an upright image comes from +x and passes a lens behind its stop at -u: there the rim takes
     it. Those rays fall on the +s side under the microlens, toward the axis (columns grow with -s)."""

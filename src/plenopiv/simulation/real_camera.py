@@ -52,8 +52,10 @@ class RealCamera:
     is further off the axis in the sensor's corner; it grows with the square of the distance. ``gap_tilt``: by what
     share of the microlenses' focal length the gap behind them grows over the length of the sensor's diagonal, along
     ``gap_tilt_direction_deg`` in (s, t). ``aspect``: by what share rows of microlenses are further apart than their
-    pitch would have it. ``medium``: in the camera's frame; its window is turned about x, then about y, about the point
-    where the axis meets its inner face: +1 degree about y brings its side at +x nearer to z = 0.
+    pitch would have it; ``array_distortion``: by what share a microlens in the sensor's corner is further off the axis
+    than the lattice would have it, as the square of the distance. ``medium``: in the camera's frame; its window is
+    turned about x, then about y, about the point where the axis meets its inner face: +1 degree about y brings its side
+    at +x nearer to z = 0.
     """
 
     focal_length_mm: float
@@ -68,6 +70,7 @@ class RealCamera:
     gap_tilt: float = 0.0
     gap_tilt_direction_deg: float = 0.0
     aspect: float = 0.0
+    array_distortion: float = 0.0
     medium: Medium | None = None
     pose: Pose = Pose()
 
@@ -79,7 +82,8 @@ class RealCamera:
             raise PlenoPIVError("camera: radii of stop and rim must be positive")
         if -self.stop_mm >= f or self._pupil_way_mm <= 0:
             raise PlenoPIVError(f"camera: a stop {-self.stop_mm:g} mm behind the lens images nothing")
-        if abs(self.distortion) > 0.2 or abs(self.gap_tilt) > 1 or abs(self.aspect) > 0.5:
+        bent = max(abs(self.distortion), abs(self.array_distortion))
+        if bent > 0.2 or abs(self.gap_tilt) > 1 or abs(self.aspect) > 0.5:
             raise PlenoPIVError("camera: distortion, gap_tilt and aspect are shares; these are too large for a camera")
         if self.medium is not None:
             n, glass = self.medium.refractive_index, self.medium.window_refractive_index
@@ -195,6 +199,7 @@ class RealCamera:
             micro_radius=self.micro_image_radius_mm, hexagonal=lattice.kind == "hexagonal", pitch=lattice.pitch_mm,
             stretch=1.0 + self.aspect, turn_c=cos(lattice.rotation_rad), turn_s=sin(lattice.rotation_rad),
             offset_s=lattice.offset_mm[0], offset_t=lattice.offset_mm[1],
+            array_bend=self.array_distortion / (diagonal / 2) ** 2,
             column0=sensor.axis[0], row0=sensor.axis[1], pixel=sensor.pixel_pitch_mm,
         )  # fmt: skip
 

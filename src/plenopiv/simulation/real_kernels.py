@@ -19,6 +19,7 @@ from plenopiv.simulation.kernels import HEXAGONAL_ROW, nearest_lens
 Pair = tuple[float, float]
 NEWTON = 30  # steps at most; five do for slopes of 0.3
 CLOSE, ROUGH = 1e-15, 1e-8
+UNBENT = 5  # steps of the inverse of a distortion of some per cent
 
 
 class Constants(NamedTuple):
@@ -51,6 +52,7 @@ class Constants(NamedTuple):
     turn_s: float
     offset_s: float
     offset_t: float
+    array_bend: float  # by what share of their distance from the axis microlenses are further off it, per mm^2
     column0: float
     row0: float
     pixel: float
@@ -108,18 +110,33 @@ def onto_microlenses(cam: Constants, qx: float, qy: float, mx: float, my: float)
 @plain_part
 def lens_of(cam: Constants, s: float, t: float) -> Pair:
     """Centre (s, t) of the microlens whose cell holds a point."""
-    ds, dt = s - cam.offset_s, t - cam.offset_t
-    a = (cam.turn_c * ds + cam.turn_s * dt) / cam.pitch
-    b = (cam.turn_c * dt - cam.turn_s * ds) / (cam.pitch * cam.stretch)
+    a, b = lattice_place(cam, s, t)
     a, b = nearest_lens(a, b, cam.hexagonal)
     return lattice_point(cam, a, b)
+
+
+@plain_part
+def lattice_place(cam: Constants, s: float, t: float) -> Pair:
+    """Lattice coordinates of (s, t), in pitches: the inverse of ``lattice_point``."""
+    if cam.array_bend != 0.0:
+        there_s, there_t = s, t
+        for _ in range(UNBENT):
+            grown = 1.0 + cam.array_bend * (s * s + t * t)
+            s, t = there_s / grown, there_t / grown
+    ds, dt = s - cam.offset_s, t - cam.offset_t
+    along, across = cam.turn_c * ds + cam.turn_s * dt, cam.turn_c * dt - cam.turn_s * ds
+    return along / cam.pitch, across / (cam.pitch * cam.stretch)
 
 
 @plain_part
 def lattice_point(cam: Constants, a: float, b: float) -> Pair:
     """(s, t) of lattice coordinates, in pitches."""
     a, b = a * cam.pitch, b * cam.pitch * cam.stretch
-    return cam.offset_s + cam.turn_c * a - cam.turn_s * b, cam.offset_t + cam.turn_s * a + cam.turn_c * b
+    s, t = cam.offset_s + cam.turn_c * a - cam.turn_s * b, cam.offset_t + cam.turn_s * a + cam.turn_c * b
+    if cam.array_bend == 0.0:
+        return s, t
+    grown = 1.0 + cam.array_bend * (s * s + t * t)
+    return s * grown, t * grown
 
 
 @plain_part

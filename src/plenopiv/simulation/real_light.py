@@ -18,6 +18,7 @@ from plenopiv.simulation.real_kernels import (
     back_to_pupil,
     cell_offset,
     gap_behind,
+    lattice_place,
     lattice_point,
     onto_microlenses,
     onto_sensor,
@@ -157,9 +158,7 @@ def trace_pixels(
     for row in range(begin, end):
         for column in range(image.shape[1]):
             middle_s, middle_t = (cam.column0 - column) * cam.pixel, (row - cam.row0) * cam.pixel
-            ds, dt = middle_s / grown - cam.offset_s, middle_t / grown - cam.offset_t
-            a0 = (cam.turn_c * ds + cam.turn_s * dt) / cam.pitch
-            b0 = (cam.turn_c * dt - cam.turn_s * ds) / (cam.pitch * cam.stretch)
+            a0, b0 = lattice_place(cam, middle_s / grown, middle_t / grown)
             _, centre = nearest_lens(a0, b0, cam.hexagonal)
             middle = floor(centre / spacing + 0.5)
             bank = banks[mix(seed, row * image.shape[1] + column) % np.uint64(banks.shape[0])]
