@@ -46,9 +46,9 @@ def page(found):
 Written by `benchmarks/calibration/white_page.py`. Cameras drawn at random, each from its number
 (`benchmarks/calibration/random_cameras.py`, which shares no code with the calibration): square and hexagonal arrays,
 pitch 6 to 40 px, any offset, turned by up to 6 degrees, stretched by up to 0.5 %, distorted by up to 2 px in the
-corner, with vignetting, cat's eyes, spots, overlapping and under-filled micro-images, uneven light within them, noise up
-to 25 electrons, hot pixels, dead microlenses, dust, saturation and stripes. *Right*: every fitted centre on the sensor
-within {RIGHT_PX} px of its chief ray; *px*: the farthest centre of a camera, median over cameras.
+corner, with vignetting, cat's eyes, spots, overlapping and under-filled micro-images, uneven light within them, noise
+up to 25 electrons, hot pixels, dead microlenses, dust, saturation and stripes. *Right*: every fitted centre on the
+sensor within {RIGHT_PX} px of its chief ray; *px*: the farthest centre of a camera, median over cameras.
 
 | cameras | drawn | answered | right | wrong in silence | refused | px |
 |---|---:|---:|---:|---:|---:|---:|
