@@ -1,4 +1,4 @@
-"""docs/white-images.md from benchmarks/calibration/white_scores.json.
+"""docs/white-images.md from benchmarks/calibration/white_scores.json and benchmarks/accuracy/arrays.json.
 
 python benchmarks/calibration/white_page.py
 """
@@ -12,6 +12,7 @@ import numpy as np
 from white_scores import RESULTS, RIGHT_PX, summary
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "white-images.md"
+ARRAYS = PAGE.parents[1] / "benchmarks" / "accuracy" / "arrays.json"
 # The method before cat's eyes, spots and maps were fitted, on the same 200 cameras.
 BEFORE = {"answered": 175, "right": 112, "wrong and warned": 9, "wrong in silence": 54, "refused": 19, "crashed": 6}
 
@@ -27,6 +28,12 @@ def row(words, found):
         f"| {words} | {len(found)} | {len(answered)} | {s['right']} ({share:.0f} %) | {s['wrong in silence']} | "
         f"{s['refused'] + s['crashed']} | {np.median(answered):.3f} |"
     )
+
+
+def array_row(name, case):
+    """One line of the table of arrays."""
+    rms, over = (" / ".join(f"{v:.3f}" for v in case[key]) for key in ("rms", "rms_over_regular"))
+    return f"| {name} | {case['pairs']} | {rms} | {over} |"
 
 
 def page(found):
@@ -65,6 +72,15 @@ Refused, by number:
 Farther off than {RIGHT_PX} px:
 
 {chr(10).join(wrong) or "none"}
+
+## What irregular arrays cost a measurement
+
+Written down by `benchmarks/accuracy/arrays.py`: one flow, recorded through a regular array, through one whose rows are
+0.5 % further apart, and through one whose microlenses are 2 px further off the axis in the corner; RMS in voxels.
+
+| array | pairs | RMS x / y / z | over the regular array |
+|---|---:|---:|---:|
+{chr(10).join(array_row(name, case) for name, case in json.loads(ARRAYS.read_text()).items())}
 """
 
 
