@@ -74,7 +74,6 @@ def resampled(image: NDArray, where: Layout) -> LightField:
     layout = replace(
         where,
         phase=np.zeros_like(where.phase),
-        clock=np.zeros_like(where.clock),
         offsets=where.offsets[keep],
         fill=fill[keep],
         seen=seen[keep],

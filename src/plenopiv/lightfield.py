@@ -46,9 +46,7 @@ class Layout:
     fill: NDArray[np.float32]  # (view, lens): share of the pixel that the lens' image of the aperture lights
     seen: NDArray[np.bool_]  # (view, lens): the pixel exists, is lit by this lens and by no other, and can be used
     lost: NDArray[np.bool_] | None = None  # (view, lens): would be seen, but cannot be used
-    light: NDArray[np.float32] | None = (
-        None  # (view, lens): of that light, what the main lens' rim leaves; None for all
-    )
+    light: NDArray[np.float32] | None = None  # (view, lens): of that light, what the lens' rim leaves; None for all
 
     @property
     def views(self) -> int:
