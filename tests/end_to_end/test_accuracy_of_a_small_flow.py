@@ -16,7 +16,7 @@ import tomllib
 import numpy as np
 import pytest
 import tomli_w
-from runs import without_report
+from runs import made_once, without_report
 
 import plenopiv
 from plenopiv.accuracy import score_velocity
@@ -56,7 +56,10 @@ COVERAGE = {"inside 1 std": 0.08, "inside 2 std": 0.04}  # either way
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
     """The velocity field, its score, and the recording's folder."""
-    folder = tmp_path_factory.mktemp("small_flow") / "recording"
+    return made_once(tmp_path_factory, "small_flow", lambda folder: _measured(folder / "recording"))
+
+
+def _measured(folder):
     simulate_recording(
         folder,
         CAMERA,
@@ -87,7 +90,7 @@ def measured(tmp_path_factory):
             window_voxels=WINDOWS[-1],
         )
     print("\n" + json.dumps(_as_recorded(score), indent=2))
-    return result.velocity, score, folder
+    return result.velocity.load(), score, folder
 
 
 def _as_recorded(score):

@@ -26,6 +26,7 @@ SEARCH, FIT = 30_000, 120_000  # pixels of the micro-images that the first and t
 RATIOS, SLIPS = (1.05, 1.2, 1.35), (-0.9, -0.45, 0.45, 0.9)  # radii of rim to stop, slip at the corner to the radius
 SEARCH_STEPS, FIT_STEPS = 4, 12
 CANDIDATES = 3  # that are followed up
+ELONGATED = 0.002  # of what is left without a rim is their elongation, where there is one: cut by 0.3 px it is 0.03
 CLEARER = 0.99  # of what is left without a rim may be left with one that is believed
 ALIKE = 1.005  # radius of the rim's image over the stop's: exactly equal ones are taken for the wrong way round ...
 SWAPPED = 1.05  # ... unless the other way leaves so much more
@@ -207,6 +208,8 @@ def find_rim(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> tu
     far, pixels = float(np.abs(position).max()), np.pi * (disc.reach_px + 0.5) ** 2
     few, many = (_spread(position, int(np.clip(most / pixels, 60, 1500))) for most in (SEARCH, FIT))
     (disc, _), without = refined(image, few, disc, None, 2 * SEARCH_STEPS)
+    if _elongation(image, many, disc) < ELONGATED:
+        return None
     found = []
     for ratio in RATIOS:
         for slip in SLIPS:
@@ -225,6 +228,28 @@ def find_rim(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> tu
         if rim_2 is not None and left_2 < left * (1.0 if rim_2.radius_px < ALIKE * other.radius_px else SWAPPED):
             return other, rim_2
     return clipped, rim
+
+
+def _elongation(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> float:
+    """Share of what a fit without a rim leaves that is elongation which changes evenly over the sensor. A rim's cut is
+    seen in it first, and a look at it takes a tenth of the time of a search for the rim."""
+    none, found = Rim(10.0 * abs(disc.pitch), 0.0, 0j), []
+    for part, counts, dx, dy in _windows(image, position, disc):
+        light = light_of(dx, dy, disc, none.radius_px, none.middle(position[part]))
+        own = _own(light)
+        fit, left = _solved(own, counts)
+        gain = np.maximum(fit[:, :1], 1e-9)
+        rest = (counts - np.einsum("lpa,la->lp", own, fit)) / gain
+        edge, turn = light[3], np.exp(2j * np.arctan2(dy, dx))
+        power = 0.5 * np.maximum((edge**2).sum(1), 1e-30)
+        found.append(np.stack([(rest * edge * turn).sum(1) / power, power, left / gain[:, 0] ** 2]))
+    elongation, power, left = np.concatenate(found, 1)
+    power, left = power.real, left.real
+    good = left < 3.0 * np.median(left)
+    at = position[good] / np.abs(position).max()
+    terms = np.stack([at**i * at.conj() ** j for i in range(4) for j in range(4 - i)], -1)
+    even = terms @ np.linalg.lstsq(terms, elongation[good], rcond=None)[0]
+    return float((np.abs(even - even.mean()) ** 2 * power[good]).sum() / left[good].sum())
 
 
 def spot_disc(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> tuple[Disc, Rim] | None:
