@@ -87,6 +87,8 @@ def disc_share(x: NDArray, y: NDArray, radius: float, strips: int = 32) -> NDArr
     near, far = np.hypot(np.maximum(x - 0.5, 0), np.maximum(y - 0.5, 0)), np.hypot(x + 0.5, y + 0.5)
     out[far <= radius] = 1.0
     rim = (far > radius) & (near < radius)
+    if not rim.any():
+        return out
     u, v = np.maximum(x[rim], y[rim]), np.minimum(x[rim], y[rim])  # strips along the steeper side of the rim
     total = np.zeros(u.shape)
     for k in range(strips):
@@ -196,7 +198,9 @@ def layout(camera: PlenopticCamera, unusable: NDArray[np.bool_] | None = None) -
             light[v] = rim_share(camera, x, y, s, t)
             seen[v] &= fill[v] * light[v] >= LIT_SHARE
         if np.hypot(m, n) > camera.image_pitch_px - radius - 1.5:
-            foreign = sum(disc_share(x - dx, y - dy, radius + drift, 8) for dx, dy in neighbours)
+            # Half a pixel across, and a phase of as much: the others' light is 0.
+            beside = neighbours[np.hypot(*(neighbours - (m, n)).T) < radius + drift + 2**0.5]
+            foreign = sum(disc_share(x - dx, y - dy, radius + drift, 8) for dx, dy in beside)
             seen[v] &= foreign <= FOREIGN_SHARE
         if unusable is not None and lost is not None:
             here = np.flatnonzero(seen[v])

@@ -124,6 +124,7 @@ def test_rotation_and_offset_are_reduced(kind, rotation_deg, reduced_deg):
     assert fit.lattice.nearest(0.0, 0.0) == (0, 0)
 
 
+@pytest.mark.full
 @hexagons
 def test_rows_along_t(kind):
     """A hexagonal lattice with its rows along t is one turned by 30 degrees, of either sign."""
@@ -248,6 +249,7 @@ def test_too_few_microlenses():
         find_lattice(white_image((70, 70), "square", 14.0), camera_for((70, 70), "square", 14.0))
 
 
+@pytest.mark.full
 def test_saturation():
     white = white_image((300, 400), "hexagonal", 14.04, electrons=4300.0, dust=0.0)
     share = np.mean(white == 4095)

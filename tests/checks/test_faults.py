@@ -93,6 +93,7 @@ def test_too_thin(tmp_path):
     assert "too-thin" in wrong(looked_at(record(tmp_path / "r", particles_per_microlens=0.08)))
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("still")
 def test_stray_light_and_a_wrong_black_level(recording):
     for name in "ab":
@@ -159,6 +160,7 @@ def test_white_image_of_a_camera_with_another_array(recording):
     assert "microlenses 66.0" in fault.words
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("still")
 def test_a_lens_that_moved_a_little(recording):
     edited(recording, "white", lambda image: white_of(camera(offset_mm=(0.011 + 0.6 * 0.0055, -0.023))))

@@ -131,6 +131,7 @@ def test_what_fails_writes_nothing(with_target, one_line, monkeypatch):
     assert tree(with_target) == before
 
 
+@pytest.mark.full
 def test_the_image_of_another_camera(with_target, one_line):
     tifffile.imwrite(with_target / "target_1.tif", noise(ROWS, COLUMNS + 2, 1))
     for command in ("calibrate", "run"):
@@ -144,6 +145,7 @@ def test_an_image_of_the_target_is_missing(with_target, one_line):
     assert "target_0.tif: " in one_line("calibrate", with_target / "experiment.toml")
 
 
+@pytest.mark.full
 def test_images_without_dots(with_target, one_line):
     message = one_line("calibrate", with_target / "experiment.toml")
     assert re.search(r"target_0.tif: \d dots of a target found, 9 or more are needed", message)

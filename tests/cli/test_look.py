@@ -67,6 +67,7 @@ def test_check_as_json_of_a_spoilt_recording(made, capsys):
     assert is_picture(made.parent / "look" / "check.png")
 
 
+@pytest.mark.full
 def test_views_and_refocus_draw(made, capsys, one_line):
     assert main(["views", str(made), "b.tif", "--across", "3"]) == 0
     assert is_picture(made.parent / "look" / "views-b.png")

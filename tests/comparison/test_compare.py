@@ -210,6 +210,7 @@ def test_what_cannot_be_compared_is_one_line(tmp_path):
         plenopiv.compare(a, tmp_path / "later")
 
 
+@pytest.mark.full
 def test_the_command_prints_the_table_and_writes_the_page(tmp_path, capsys):
     a = results(tmp_path / "run7" / "results", noisy(regular(TIMES), 1))
     hostile = SETTINGS.replace("../white.tif", "../<script>alert(1)</script>.tif")

@@ -62,6 +62,7 @@ def same_bits(a, b):
         assert a[name].values.tobytes() == b[name].values.tobytes(), name
 
 
+@pytest.mark.full
 def test_the_vectors_of_a_whole_run_with_these_windows_bit_for_bit(masked, results, capsys):
     experiment = Experiment.load(results.parent / "experiment.toml")
     unusable = experiment.recording().unusable

@@ -40,6 +40,7 @@ def reconstructed(experiment):
     return chain, chain.reconstruct([recording.frame(0)])
 
 
+@pytest.mark.full
 def test_images_and_mask_turned_together_leave_the_same_volume(experiment):
     """The mask covers the upper left corner of the upright files; stored as the sensor has them, the lower right."""
     sensor = experiment.camera().sensor

@@ -26,7 +26,7 @@ SEARCH, FIT = 30_000, 120_000  # pixels of the micro-images that the first and t
 RATIOS, SLIPS = (1.05, 1.2, 1.35), (-0.9, -0.45, 0.45, 0.9)  # radii of rim to stop, slip at the corner to the radius
 SEARCH_STEPS, FIT_STEPS = 4, 12
 CANDIDATES = 3  # that are followed up
-ELONGATED = 0.002  # of what is left without a rim is their elongation, where there is one: cut by 0.3 px it is 0.03
+ELONGATED_PX, ELONGATED = 0.015, 0.002  # elongation where a rim is sought: cut by 0.1 to 0.3 px it is .04 and .03
 CLEARER = 0.99  # of what is left without a rim may be left with one that is believed
 ALIKE = 1.005  # radius of the rim's image over the stop's: exactly equal ones are taken for the wrong way round ...
 SWAPPED = 1.05  # ... unless the other way leaves so much more
@@ -208,7 +208,8 @@ def find_rim(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> tu
     far, pixels = float(np.abs(position).max()), np.pi * (disc.reach_px + 0.5) ** 2
     few, many = (_spread(position, int(np.clip(most / pixels, 60, 1500))) for most in (SEARCH, FIT))
     (disc, _), without = refined(image, few, disc, None, 2 * SEARCH_STEPS)
-    if _elongation(image, many, disc) < ELONGATED:
+    farthest, share = _elongation(image, many, disc)
+    if farthest < ELONGATED_PX or share < ELONGATED:
         return None
     found = []
     for ratio in RATIOS:
@@ -230,9 +231,10 @@ def find_rim(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> tu
     return clipped, rim
 
 
-def _elongation(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> float:
-    """Share of what a fit without a rim leaves that is elongation which changes evenly over the sensor. A rim's cut is
-    seen in it first, and a look at it takes a tenth of the time of a search for the rim."""
+def _elongation(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> tuple[float, float]:
+    """Elongation of the micro-images as it changes evenly over the sensor: the largest, px of the radius, and its share
+    of what a fit without a rim leaves. A rim's cut is seen in it first, and a look at it takes a tenth of the time of a
+    search for the rim."""
     none, found = Rim(10.0 * abs(disc.pitch), 0.0, 0j), []
     for part, counts, dx, dy in _windows(image, position, disc):
         light = light_of(dx, dy, disc, none.radius_px, none.middle(position[part]))
@@ -249,7 +251,8 @@ def _elongation(image: NDArray, position: NDArray[np.complex128], disc: Disc) ->
     at = position[good] / np.abs(position).max()
     terms = np.stack([at**i * at.conj() ** j for i in range(4) for j in range(4 - i)], -1)
     even = terms @ np.linalg.lstsq(terms, elongation[good], rcond=None)[0]
-    return float((np.abs(even - even.mean()) ** 2 * power[good]).sum() / left[good].sum())
+    change = np.abs(even - even.mean())
+    return float(change.max()), float((change**2 * power[good]).sum() / left[good].sum())
 
 
 def spot_disc(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> tuple[Disc, Rim] | None:
