@@ -27,7 +27,7 @@ from plenopiv.recording.sources import only_source
 from plenopiv.run.inputs import names_of
 
 FILE = "calibration.toml"
-METHOD = 1  # of the fit: another number makes calibrations of before invalid
+METHOD = 2  # of the fit: another number makes calibrations of before invalid
 LATER = {"origin_mm", "turn_deg"}  # keys of [calibration] that take effect without a new fit
 
 Progress = Callable[[str, int, int], None]

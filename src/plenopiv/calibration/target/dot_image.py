@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from plenopiv.calibration.target.dot_table import BEYOND, DotTable
 from plenopiv.cameras.lens_space import lens_place
-from plenopiv.lightfield import LightField
+from plenopiv.lightfield import Layout, LightField
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -27,7 +27,9 @@ LARGEST_STEP = 0.4  # pitches by which an iteration may move a dot's image
 CONVERGED = 1e-5  # pitches
 READ_NOISE = 20.0  # counts^2: pixels of the dark ground weigh alike
 SOUND = 0.5  # share of a dot's pixels that must be seen
-FEWEST_VIEWS = 5  # that lie wholly inside the aperture's rim
+FEWEST_VIEWS = 5  # of a microlens that lie wholly inside the aperture
+FEW = 0.2  # of what the median view knows of its shift: of views at the edge, which few microlenses have, none is told
+EDGE_PX, LIT = 0.3, 0.995  # blur of the aperture's edge, and the light that the rim leaves, of pixels that are used
 
 
 @dataclass(frozen=True)
@@ -58,11 +60,20 @@ class _Pixels(NamedTuple):
     whole: bool
 
 
+def _wholly_lit(layout: Layout) -> NDArray[np.bool_]:
+    """(view, lens): where the pixel lies inside the aperture and the rim of the main lens, and not at their edges."""
+    across, up = (
+        np.abs(offset[:, None] - phase) for offset, phase in zip(layout.offsets.T, layout.phase.T, strict=True)
+    )
+    inside = np.hypot(across + 0.5, up + 0.5) < layout.camera.aperture_radius_px - EDGE_PX
+    return inside if layout.light is None else inside & (layout.light > LIT)
+
+
 class DotImages:
     """Fits dots to one image of a target, decoded as a light field.
 
-    ``counts_per_electron``: of the pixels' shot noise, by which pixels are weighted. ``aperture_mm``: diameter of the
-    views that are used, those wholly inside the rim.
+    ``counts_per_electron``: of the pixels' shot noise, by which pixels are weighted. ``aperture_mm``: diameter of what
+    is used of the aperture, pixels that neither it nor the lens' rim clips.
     """
 
     def __init__(self, lightfield: LightField, counts_per_electron: float = 1.0):
@@ -73,16 +84,19 @@ class DotImages:
         self.pitch, self.turn = camera.lattice.pitch_mm, camera.lattice.aligned().rotation_rad
         j, i = np.mgrid[layout.j0 : layout.j0 + layout.nj, layout.i0 : layout.i0 + layout.ni]
         self.lens_mm = np.stack(camera.lattice.centres(i.ravel(), j.ravel()), -1)
-        whole = np.hypot(*layout.offsets.T) + 0.5 * sqrt(2.0) + 0.5 < camera.aperture_radius_px
-        self.views = np.flatnonzero(whole) if whole.sum() >= FEWEST_VIEWS else np.arange(layout.views)
-        self.all_views = layout.views
-        self.values, self.seen = lightfield.values[self.views], layout.seen[self.views]
-        self.on_sensor = self.seen if layout.lost is None else self.seen | layout.lost[self.views]
+        lit = _wholly_lit(layout)
+        if lit.sum() < FEWEST_VIEWS * layout.lenses:
+            lit[:] = True
+        self.views, self.all_views = np.flatnonzero((layout.seen & lit).any(1)), layout.views
+        self.values, self.lit, self.seen = lightfield.values[self.views], lit[self.views], layout.seen[self.views]
+        column, row = layout.pixel.T[:, None] + layout.offsets[self.views].T[:, :, None]
+        sensor = camera.sensor
+        self.on_sensor = (column >= 0) & (column < sensor.columns) & (row >= 0) & (row < sensor.rows)
         m, n = layout.offsets[self.views].T
         self.qx = (m[:, None] - layout.phase[:, 0]) * camera.portion_mm
         self.qy = (layout.phase[:, 1] - n[:, None]) * camera.portion_mm
         self.tree: cKDTree = cKDTree(self.lens_mm)
-        self.aperture_mm = 2 * sqrt(self.views.size / pi) * camera.portion_mm
+        self.aperture_mm = 2 * sqrt((self.lit & self.seen).sum(0).max() / pi) * camera.portion_mm
         self.reach_mm = float(np.hypot(self.qx, self.qy).max())
         self._tables: dict[tuple[float, float], DotTable] = {}
 
@@ -103,7 +117,8 @@ class DotImages:
         across = std[:, 1:] * (distance / lens.image_distance_mm)[:, None]
         std = np.column_stack([across, std[:, 0] * distance**2 / lens.image_distance_mm])
         moved = np.full((self.all_views, 2), np.nan)
-        seen = np.linalg.det(shifts[:, :, :2]) > 0
+        known = np.trace(shifts[:, :, :2], axis1=1, axis2=2)
+        seen = known > FEW * np.median(known) if whole.any() else np.zeros(known.size, bool)
         moved[self.views[seen]] = np.linalg.solve(shifts[seen][:, :, :2], shifts[seen][:, :, 2:])[..., 0]
         return DotFit(place, std, misfit, whole, found, moved)
 
@@ -128,7 +143,7 @@ class DotImages:
         cell = (1 - a) * self.pitch
         off = (a * self.qx[:, lenses] + c[0] - self.lens_mm[lenses, 0]) / cell
         up = (a * self.qy[:, lenses] + c[1] - self.lens_mm[lenses, 1]) / cell
-        view, near = np.nonzero(off**2 + up**2 < reach**2)
+        view, near = np.nonzero((off**2 + up**2 < reach**2) & self.lit[:, lenses])
         seen = self.seen[view, lenses[near]]
         if seen.mean() < SOUND or seen.sum() < 30:
             return None
