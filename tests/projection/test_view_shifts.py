@@ -102,14 +102,22 @@ def test_candidates_are_where_the_light_says(where):
 
 
 def test_what_water_leaves_is_held(behind_water):
-    model, found = behind_window(CAMERA, WATER), behind_water
+    """Rays of points anywhere in the volume fall where the map and what it leaves say; depth is that of the rays."""
     points = np.random.default_rng(4).uniform(*np.array(BOX).T, (60, 3))
-    images = images_of(points, model, CAMERA)
-    on_sensor = (np.abs(images.s_mm) < [3.3, 2.64]).all(-1)
-    left = images.left_mm[on_sensor] - found.left(images.u_mm[on_sensor], images.s_mm[on_sensor])
-    before, after = (np.sqrt((v**2).sum(-1).mean()) for v in (images.left_mm[on_sensor], left))
+    images = images_of(points, behind_window(CAMERA, WATER), CAMERA)
+    place, (s, u) = behind_water.to_lens(points), (images.s_mm, images.u_mm)
+    a, b = (np.array([f(z) for z in place[:, 2]])[:, None, None] for f in (CAMERA.spread, CAMERA.scale))
+    beside = s - a * u - b * place[:, None, :2]
+    left = beside - behind_water.left(u.reshape(-1, 2), s.reshape(-1, 2)).reshape(s.shape)
+    on_sensor = (np.abs(s) < [3.3, 2.64]).all(-1)
+    before, after = (np.sqrt((v[on_sensor] ** 2).sum(-1).mean()) for v in (images.left_mm, left))
     assert before > 4e-3
-    assert after < 0.2 * before
+    assert after < 0.06 * before
+    whole = on_sensor.all(1)
+    by_depth = (left * u).sum((1, 2)) / (u**2).sum((1, 2))  # change of A(z) that the rays ask for
+    step = float(CAMERA.spread(0.5) - CAMERA.spread(-0.5))
+    assert whole.sum() > 30
+    assert np.abs(by_depth[whole] / step).max() < 1.5e-3  # mm; 0.01 where images are sought once
 
 
 def test_sums_of_a_view_are_its_polynomial(behind_water):
@@ -118,7 +126,8 @@ def test_sums_of_a_view_are_its_polynomial(behind_water):
     for view, sums in zip(views, left.of_views(views), strict=True):
         terms = np.stack([s[:, 0] ** p * s[:, 1] ** q for p, q in PLACE_POWERS], 1)
         expected = left(np.tile(view, (50, 1)), s)
-        assert np.abs(terms @ sums - expected).max() < 0.12 * np.abs(expected).max()
+        assert np.abs(terms @ sums - expected).max() < 0.008 * CAMERA.lattice.pitch_mm
+        assert np.abs(expected).max() > 0.05 * CAMERA.lattice.pitch_mm
 
 
 def test_a_polynomial_is_found_exactly():

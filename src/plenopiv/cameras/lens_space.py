@@ -2,7 +2,8 @@
 
 All rays of a point of the laboratory are traced to the microlens plane. The point of lens space whose rays,
 s = A(z) u + B(z) x, come nearest to them is its image there (least squares over the aperture). What is left differs
-from view to view, as spherical aberration does.
+from view to view, as spherical aberration does. It belongs to the ray, wherever on it the point lies: so what all
+points leave is taken off their rays, and their images are sought anew, until both agree.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from plenopiv.volume import Limits
 RAYS = 61  # over the aperture
 EVERY = 3  # of the rays is enough for what differs between views
 POINTS = (9, 9, 13)  # along x, y and z, where a map is fitted
+STEPS = 6  # in which images and what is left come to agree
 LEAST_LEFT = 1e-3  # of a pitch: rays that miss those of a thin lens by less are taken for them
 MARGIN = 0.05  # of the volume's sides, by which the map reaches beyond it
 
@@ -44,12 +46,18 @@ def images_of(
     one of ``aperture_mm``."""
     aperture = camera.main_lens.aperture_mm if aperture_mm is None else aperture_mm
     radius = aperture / 2 * model.image_distance_mm / model.reference_mm / model.view_scale
-    s, u = model.trace(points_mm, on_disc(radius, rays))
+    return _nearest(camera, *model.trace(points_mm, on_disc(radius, rays)))
+
+
+def _nearest(camera: PlenopticCamera, s: NDArray, u: NDArray, beside: NDArray | float = 0.0) -> Images:
+    """The images whose rays come nearest to those at ``s`` and ``u`` (n, rays, 2), of which ``beside`` (n, rays, 2) is
+    known not to be a thin lens'."""
+    seen, s = s, s - beside
     s_mean, u_mean = s.mean(1, keepdims=True), u.mean(1, keepdims=True)
     spread = ((s - s_mean) * (u - u_mean)).sum((1, 2)) / ((u - u_mean) ** 2).sum((1, 2))
     centre = s_mean - spread[:, None, None] * u_mean
     left = s - spread[:, None, None] * u - centre
-    return Images(lens_place(camera, spread, centre[:, 0]), left, s, u)
+    return Images(lens_place(camera, spread, centre[:, 0]), left, seen, u)
 
 
 def lens_place(camera: PlenopticCamera, spread: NDArray, centre_mm: NDArray) -> NDArray[np.float64]:
@@ -79,13 +87,17 @@ def space_map(model: RayModel, camera: PlenopticCamera, laboratory: Limits) -> S
     """The map between a volume of the laboratory, outer faces ``laboratory``, and the lens space of ``camera``."""
     points = sample(laboratory)
     images = images_of(points, model, camera)
-    found = SpaceMap.fitted(points, images.place_mm)
-    if np.abs(images.left_mm).max() < LEAST_LEFT * camera.lattice.pitch_mm:
-        return found
+    least, beside, left = LEAST_LEFT * camera.lattice.pitch_mm, np.zeros_like(images.s_mm), None
     half = 0.5 * camera.sensor.pixel_pitch_mm * np.array([camera.sensor.columns, camera.sensor.rows])
     on_sensor = (np.abs(images.s_mm) < half + camera.lattice.pitch_mm).all(-1)
-    u, s, left = (v[on_sensor][::EVERY] for v in (images.u_mm, images.s_mm, images.left_mm))
-    return replace(found, left=ViewShift.fitted(u, s, left))
+    for _ in range(STEPS):
+        if np.abs(images.left_mm[on_sensor]).max(initial=0.0) < least:
+            break
+        u, s, all_left = (v[on_sensor][::EVERY] for v in (images.u_mm, images.s_mm, images.left_mm + beside))
+        left = ViewShift.fitted(u, s, all_left)
+        beside = left(images.u_mm.reshape(-1, 2), images.s_mm.reshape(-1, 2)).reshape(beside.shape)
+        images = _nearest(camera, images.s_mm, images.u_mm, beside)
+    return replace(SpaceMap.fitted(points, images.place_mm), left=left)
 
 
 def sample(laboratory: Limits) -> NDArray[np.float64]:
