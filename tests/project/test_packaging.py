@@ -25,7 +25,7 @@ INDIRECT |= {"dask-jobqueue"}  # for the user's script
 COPYLEFT = {"pyfftw", "openpiv", "astra-toolbox", "pivpy", "pyqt5", "pyqt6"}
 
 
-READERS = ("lavision", "cluster")  # extras whose packages the program imports where a user asks for them
+READERS = ("lavision", "cluster", "gpu")  # extras whose packages the program imports where a user asks for them
 
 
 def pins(*names):

@@ -16,29 +16,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 _CELL = 4  # voxels
-_FLOOR = np.float32(1e-3)  # of the mean of A^2: keeps q of empty cells near 0
+FLOOR = np.float32(1e-3)  # of the mean of A^2: keeps q of empty cells near 0
 
 
 def agreement(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
     """q for windows ``a``, ``b`` (batch, nz, ny, nx) of light >= 0, in the same shape; linear between cell centres."""
     size = a.shape[1:]
     for axis, n in enumerate(size, 1):
-        a, b = (np.add.reduceat(v, _starts(n), axis) for v in (a, b))
+        a, b = (np.add.reduceat(v, starts(n), axis) for v in (a, b))
     common, either = a * b, np.float32(0.5) * (a * a + b * b)
     for axis in (1, 2, 3):
         common, either = _with_neighbours(common, axis), _with_neighbours(either, axis)
-    q = np.maximum(common, np.float32(0)) / (
-        either + _FLOOR * either.mean((1, 2, 3), keepdims=True) + np.float32(1e-30)
-    )
+    q = np.maximum(common, np.float32(0)) / (either + FLOOR * either.mean((1, 2, 3), keepdims=True) + np.float32(1e-30))
     for axis, n in enumerate(size, 1):
         q = _at_voxels(q, n, axis)
     return q
 
 
-def _starts(n: int) -> NDArray[np.int64]:
+def starts(n: int) -> NDArray[np.int64]:
     """First voxel of each cell along an axis of ``n`` voxels."""
     count = max(1, round(n / _CELL))
     return np.arange(count) * n // count
+
+
+def centres(n: int) -> NDArray[np.float64]:
+    """Of the cells along an axis of ``n`` voxels."""
+    first = starts(n)
+    return 0.5 * (first + np.append(first[1:], n) - 1)
 
 
 def _with_neighbours(values: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
@@ -50,10 +54,9 @@ def _with_neighbours(values: NDArray[np.float32], axis: int) -> NDArray[np.float
 
 def _at_voxels(cells: NDArray[np.float32], n: int, axis: int) -> NDArray[np.float32]:
     """Values at ``n`` voxels along ``axis``, linear between the centres of the cells, constant beyond them."""
-    starts = _starts(n)
-    centres = 0.5 * (starts + np.append(starts[1:], n) - 1)
-    position = np.interp(np.arange(n), centres, np.arange(starts.size))
+    first = starts(n)
+    position = np.interp(np.arange(n), centres(n), np.arange(first.size))
     low = position.astype(np.int64)
     share = (position - low).astype(np.float32).reshape([-1 if k == axis else 1 for k in range(cells.ndim)])
-    high = np.minimum(low + 1, starts.size - 1)
+    high = np.minimum(low + 1, first.size - 1)
     return cells.take(low, axis) * (1 - share) + cells.take(high, axis) * share

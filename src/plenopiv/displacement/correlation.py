@@ -48,6 +48,8 @@ class WindowCorrelator:
     a Gaussian that smooths both windows (voxel^2), a factor of the cross spectrum S. ``whitening``: S is divided by
     |S|^whitening. 0 is plain correlation, 1 keeps the phase alone; between them (symmetric phase-only filtering, Wernet
     2005) particle images that are long in depth give narrow peaks, which chance overlaps shift less.
+
+    ``around``: period of the transforms; ``filters``: the Gaussian's factors, both along z, y, x.
     """
 
     def __init__(
@@ -63,7 +65,7 @@ class WindowCorrelator:
         self._plans = tuple(lines(n) for n in self.around)
         self._high, self._wide = (rounded_up(n) for n in self.around[1:])
         waves = [2 * np.pi * np.fft.fftfreq(n) for n in self.around]
-        self._filters = tuple(np.exp(-variance * k**2).astype(np.float32) for k in waves)
+        self.filters = tuple(np.exp(-variance * k**2).astype(np.float32) for k in waves)
         self._shifts = [np.arange(-r - 1, r + 2) for r in search]
         self._radius = search
         turn = waves[0][: self.around[0] // 2 + 1] * self._shifts[0][:, None]
@@ -97,7 +99,7 @@ class WindowCorrelator:
     def correlation(self, spectra: Spectra) -> NDArray[np.float32]:
         """R, not normalised, at displacements up to search + 1: (batch, 2 rz + 3, 2 ry + 3, 2 rx + 3)."""
         out = np.empty((len(spectra.pairs), *(d.size for d in self._shifts)), np.float32)
-        about = self._plans, self._high, self._filters, np.float32(self.whitening)
+        about = self._plans, self._high, self.filters, np.float32(self.whitening)
         correlate(spectra.pairs, *about, self._radius, self._turns, out)
         return out
 

@@ -144,13 +144,15 @@ def measure(
     settings: CorrelationSettings,
     progress: Progress | None = None,
     solid: Solid | None = None,
+    pairs: Callable[[Volume, Volume], Pairs] = OnePair,
 ) -> DisplacementField:
     """Displacement field from volume ``a`` to volume ``b``, in voxels.
 
     Passes run from the coarsest windows to the finest (Scarano & Riethmuller 2000; in 3D Elsinga et al. 2006); vectors
     are validated after each, and those of the first measured again by discrete window offset.
     ``progress``: called as (what, done, total). ``solid``: vectors in it are not measured, and no other depends on what
-    the volumes hold in such windows. Warns when particles move more than a quarter of the first window;
+    the volumes hold in such windows. ``pairs``: what correlates them, by default this processor.
+    Warns when particles move more than a quarter of the first window;
     raises ``PlenoPIVError`` when the volumes differ in grid, windows do not fit, or nothing is found.
     """
     if a.grid != b.grid:
@@ -158,7 +160,7 @@ def measure(
             f"correlation: the volumes differ in grid: {a.grid} and {b.grid}; reconstruct both on the same one"
         )
     a, b = (compressed(volume, settings.intensity_exponent) for volume in (a, b))
-    return multi_grid(OnePair(a, b), a.grid.shape, settings, progress, solid)
+    return multi_grid(pairs(a, b), a.grid.shape, settings, progress, solid)
 
 
 def multi_grid(

@@ -85,31 +85,38 @@ def summed_offset(
 
 
 class Offsets:
-    """Vectors that are measured by offset windows: ``vectors`` (layers, windows of a layer, 3) x, y, z, ``again``."""
+    """Vectors that are measured by offset windows: ``vectors`` (layers, windows of a layer, 3) x, y, z, ``again``.
+    ``corners`` (windows of a layer, 2): first row and column of each."""
 
     def __init__(self, windows: WindowGrid, first: NDArray[np.float64]) -> None:
         nz, ny, nx = windows.shape
         self.windows = windows
         self.vectors = np.moveaxis(first, 0, -1).reshape(nz, ny * nx, 3).copy()
         self.again = np.zeros((nz, ny * nx), bool)
-        self._corners = np.array(list(product(windows.starts[1].tolist(), windows.starts[2].tolist())))
+        self.corners = np.array(list(product(windows.starts[1].tolist(), windows.starts[2].tolist())))
         self._reach = np.ceil(np.abs(self.vectors[..., 2]).max(1) / 2).astype(int)
+
+    def slabs(self, planes: int) -> list[tuple[int, int]]:
+        """First plane of each layer's slab, and the one behind its last, in a volume of so many planes."""
+        depth, out = self.windows.size[0], []
+        for start, reach in zip(self.windows.starts[0].tolist(), self._reach.tolist(), strict=True):
+            further = min(reach, depth // 4) + MOVES
+            out.append((max(start - further, 0), min(start + depth + further, planes)))
+        return out
 
     def each_part(self, a: Volume, b: Volume, work: Work, chosen: NDArray[np.bool_]) -> None:
         """Call ``work(layer, part, places, slabs)`` for the ``chosen`` windows (layers, windows of a layer), some of a
         layer at a time, on several threads; ``places`` are their first voxels (z, y, x) in the ``slabs``."""
-        depth, planes, count = self.windows.size[0], a.grid.shape[0], 4 * numba.get_num_threads()
+        count = 4 * numba.get_num_threads()
         with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-            for layer, start in enumerate(self.windows.starts[0].tolist()):
+            for layer, (lo, hi) in enumerate(self.slabs(a.grid.shape[0])):
                 some = np.flatnonzero(chosen[layer])
                 if not some.size:
                     continue
-                reach = min(self._reach[layer], depth // 4) + MOVES
-                lo, hi = max(start - reach, 0), min(start + depth + reach, planes)
-                both = a.slab(lo, hi), b.slab(lo, hi)
+                both, start = (a.slab(lo, hi), b.slab(lo, hi)), int(self.windows.starts[0][layer])
 
                 def some_of(part: NDArray, layer: int = layer, both: Slabs = both, begin: int = start - lo) -> None:
-                    work(layer, part, np.column_stack([np.full(len(part), begin), self._corners[part]]), both)
+                    work(layer, part, np.column_stack([np.full(len(part), begin), self.corners[part]]), both)
 
                 list(pool.map(some_of, np.array_split(some, min(count, some.size))))
                 del both, some_of  # before the next layer's planes are made

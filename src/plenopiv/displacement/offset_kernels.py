@@ -150,6 +150,17 @@ def placed(
     return inside
 
 
+@kernel
+def find_places(
+    corners: NDArray[np.int64], whole: NDArray[np.int64], size: NDArray[np.int64], room: tuple[int, int, int]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    """``placed`` of many windows: first voxels (count, 3) of both, and which fit."""
+    at, to, fits = np.empty_like(corners), np.empty_like(corners), np.empty(corners.shape[0], np.bool_)
+    for n in range(corners.shape[0]):
+        fits[n] = placed(corners[n], whole[n], size, room, at[n], to[n])
+    return at, to, fits
+
+
 @part
 def settled(c: NDArray[np.float64], whole: NDArray[np.int64], vector: NDArray[np.float64]) -> bool:
     """Whether the middle of ``c`` (7,) is the highest; ``vector`` is then its maximum, unless that is not positive.

@@ -76,7 +76,7 @@ class ScatterCorrelator(WindowCorrelator):
         Each is multiplied by the square root of the factor that whitening and smoothing put on the cross spectrum.
         """
         out = np.empty((len(spectra.pairs), 2, self.around[0], self._high, self._wide), np.float32)
-        about = self._plans, self._wide, self._high, self._filters, np.float32(self.whitening)
+        about = self._plans, self._wide, self._high, self.filters, np.float32(self.whitening)
         as_correlated(spectra.pairs, *about, out.reshape(len(out), -1))
         return out
 

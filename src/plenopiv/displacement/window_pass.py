@@ -83,7 +83,9 @@ class WindowPass:
     """One pass over the windows of any number of pairs of volumes of ``shape``.
 
     ``windows``, ``predictor``, ``settings``, ``search``: as for ``multigrid.correlation_pass``. The ``count`` windows
-    of a layer are numbered along x, then y; ``batches`` are ranges of them.
+    of a layer are numbered along x, then y; ``batches`` are ranges of them. ``radius``: of the search along z, y, x;
+    ``corners`` (count, 2): first row and column of each window; ``cuts`` (layers, count, 3, 2): ``window_cuts``, None
+    without a predictor; ``power``: of the weights by agreement.
     """
 
     def __init__(
@@ -100,26 +102,26 @@ class WindowPass:
         self.count = rows * columns
         batch = max(1, _BATCH_VOXELS // int(np.prod(size)))
         self.batches = [slice(lo, min(lo + batch, self.count)) for lo in range(0, self.count, batch)]
-        self._radius = tuple(max(1, min(round(search * n), n // 2 - 2)) for n in size)
+        self.radius = tuple(max(1, min(round(search * n), n // 2 - 2)) for n in size)
         done = 0.0 if predictor is None else SPLINE_VARIANCE
         variance = max(settings.smoothing_voxels**2 - done, 0.0)
         about = variance, settings.whitening, settings.taper_voxels
-        self.correlator = ScatterCorrelator(size, self._radius, *about)  # type: ignore[arg-type]
-        self._corners = np.array(list(product(windows.starts[1].tolist(), windows.starts[2].tolist())))
-        self._cuts = None
+        self.correlator = ScatterCorrelator(size, self.radius, *about)  # type: ignore[arg-type]
+        self.corners = np.array(list(product(windows.starts[1].tolist(), windows.starts[2].tolist())))
+        self.cuts = None
         if predictor is not None:
-            self._cuts = window_cuts(windows, predictor, shape).reshape(self.layers, self.count, 3, 2)
-        self._power = 0.0 if predictor is None else settings.agreement
+            self.cuts = window_cuts(windows, predictor, shape).reshape(self.layers, self.count, 3, 2)
+        self.power = 0.0 if predictor is None else settings.agreement
 
     @property
     def plane(self) -> tuple[int, int, int]:
         """Values of a correlation along z, y, x."""
-        z, y, x = (2 * r + 3 for r in self._radius)
+        z, y, x = (2 * r + 3 for r in self.radius)
         return z, y, x
 
     def gain(self, layer: int, part: slice) -> NDArray[np.float32]:
         """As in the ``Spectra`` of these windows; the same for every pair."""
-        return self.correlator.gain(None if self._cuts is None else self._cuts[layer, part])
+        return self.correlator.gain(None if self.cuts is None else self.cuts[layer, part])
 
     def each_batch(
         self,
@@ -143,11 +145,11 @@ class WindowPass:
             for done, (layer, (planes_a, planes_b)) in enumerate(zip(layers, planes, strict=True), 1):
 
                 def transform(part: slice, layer: int = layer, pa: NDArray = planes_a, pb: NDArray = planes_b) -> None:
-                    corners, weights = self._corners[part], None
-                    if self._power:
+                    corners, weights = self.corners[part], None
+                    if self.power:
                         held = ([p[:, j : j + size[1], i : i + size[2]] for j, i in corners] for p in (pa, pb))
-                        weights = agreement(*map(np.stack, held)) ** np.float32(self._power)
-                    cuts = None if self._cuts is None else self._cuts[layer, part]
+                        weights = agreement(*map(np.stack, held)) ** np.float32(self.power)
+                    cuts = None if self.cuts is None else self.cuts[layer, part]
                     first, second = (WindowBatch.cut(planes, corners) for planes in (pa, pb))
                     work(layer, part, self.correlator.spectra(first, second, cuts, weights))
 
