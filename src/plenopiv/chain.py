@@ -22,6 +22,7 @@ from plenopiv.cameras.pinhole import PinholeCamera
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.pose import FRONT, Pose
 from plenopiv.cameras.space_map import SpaceMap
+from plenopiv.device.backend import CPU, Device
 from plenopiv.displacement.ensemble import PairsOfVolumes, measure_ensemble
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.multigrid import Progress as CorrelationProgress
@@ -65,7 +66,8 @@ class Chain:
     columns) that are no equations; empty for none. ``solid``: the parts of the volume that a body fills.
 
     ``space``: of one plenoptic camera, the map between the laboratory, where ``grid``, body and vectors are, and lens
-    space, where volumes are reconstructed on ``lens_grid``. None: they are the same.
+    space, where volumes are reconstructed on ``lens_grid``. None: they are the same. ``device``: what reconstructs and
+    correlates (``device.backend``).
     """
 
     cameras: tuple[Camera, ...]
@@ -78,6 +80,7 @@ class Chain:
     unusable: tuple[NDArray[np.bool_] | None, ...] = field(default=(), compare=False)
     solid: Solid | None = field(default=None, compare=False)
     space: SpaceMap | None = None
+    device: Device = CPU
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields alone: the projection is made again where it is needed."""
@@ -86,6 +89,10 @@ class Chain:
     def with_tiles(self, tiles: Sequence[Tile]) -> Chain:
         """The same, the volume reconstructed in ``tiles``."""
         return self._with_projection_of(replace(self, tiles=tuple(tiles)))
+
+    def on_device(self, device: Device) -> Chain:
+        """The same on another device."""
+        return self._with_projection_of(replace(self, device=device))
 
     def with_noise(self, counts_per_electron: float) -> Chain:
         """The same for pixels of another shot noise."""
@@ -235,7 +242,13 @@ class Chain:
         Raises:
             PlenoPIVError: windows do not fit, or nothing is found.
         """
-        return measure(self.weighted(a), self.weighted(b), self.correlation, progress, self.solid)
+        volumes = self.weighted(a), self.weighted(b)
+        if self.device.kind == "cpu":
+            return measure(*volumes, self.correlation, progress, self.solid)
+        with self.device.in_use():
+            from plenopiv.device.correlation import measure as measure_on_device
+
+            return measure_on_device(*volumes, self.correlation, progress, self.solid, self.device.memory)
 
     def weighted(self, volume: SparseVolume) -> SparseVolume:
         """What the correlation sees of a reconstructed volume, on ``grid``: planes near focus and voxels behind

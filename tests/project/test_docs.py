@@ -8,6 +8,7 @@ import pytest
 from typer.main import get_command
 
 from plenopiv.cli import app
+from plenopiv.experiment.compute import ComputeTable
 from plenopiv.experiment.file import Experiment
 from plenopiv.experiment.messages import tables_of
 from plenopiv.experiment.simulation_tables import SimulationTable
@@ -20,6 +21,7 @@ DEFAULTS = {
     "camera.sensor": SensorTable,
     "reconstruction": ReconstructionTable,
     "correlation": CorrelationTable,
+    "compute": ComputeTable,
     "output": OutputTable,
     "simulation": SimulationTable,
 }

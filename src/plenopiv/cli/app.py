@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from plenopiv.cli.options import Scheduler, SchedulerFile, ThreadsOfEach, WorkerCount
+from plenopiv.cli.options import Device, Scheduler, SchedulerFile, ThreadsOfEach, WorkerCount
 from plenopiv.cli.terminal import Outcome, terminal
 
 app = typer.Typer(
@@ -210,7 +210,7 @@ def refocus(
 
 
 @app.command()
-def preview(experiment: ExperimentFile) -> None:
+def preview(experiment: ExperimentFile, device: Device = None) -> None:
     """Measure the middle of the field coarsely, in well under a minute once the kernels are compiled.
 
     The first two frames, wider voxels, fewer iterations: to see whether settings are near, not to measure. Writes the
@@ -223,7 +223,7 @@ def preview(experiment: ExperimentFile) -> None:
     """
     from plenopiv.cli.light_field import preview
 
-    _finish("preview", preview(experiment))
+    _finish("preview", preview(experiment, device))
 
 
 @app.command()
@@ -249,6 +249,7 @@ def run(
     threads: ThreadsOfEach = None,
     scheduler: Scheduler = None,
     scheduler_file: SchedulerFile = None,
+    device: Device = None,
 ) -> None:
     """From raw images to velocity: check, calibrate, reconstruct, correlate, report.
 
@@ -268,7 +269,8 @@ def run(
     """
     from plenopiv.cli.run import run
 
-    _finish("run", run(experiment, overwrite, memory, force, pairs, (workers, threads, scheduler, scheduler_file)))
+    where = workers, threads, scheduler, scheduler_file
+    _finish("run", run(experiment, overwrite, memory, force, pairs, where, device))
 
 
 @app.command()

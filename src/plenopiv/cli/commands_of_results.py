@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from plenopiv.cli.app import Overwrite, _finish, app
+from plenopiv.cli.options import Device
 
 
 @app.command()
@@ -59,6 +60,7 @@ def correlate(
         Path | None, typer.Option(metavar="DIR", help="Results folder; default: beside RESULTS, named by the windows.")
     ] = None,
     overwrite: Overwrite = False,
+    device: Device = None,
 ) -> None:
     """Measure again with other windows, from the volumes that a run kept: nothing is reconstructed.
 
@@ -80,7 +82,7 @@ def correlate(
 
     together = Together(ensemble, phase, bins, period)
     numbers = {"overlap": overlap, "coarse_passes": coarse_passes, "fine_passes": fine_passes}
-    _finish("correlate", correlate(results, windows, inner_window, out, overwrite, together, **numbers))
+    _finish("correlate", correlate(results, windows, inner_window, out, overwrite, together, device, **numbers))
 
 
 @app.command()

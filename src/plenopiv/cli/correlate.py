@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from plenopiv.cli.progress import Progress
-from plenopiv.cli.run import told
+from plenopiv.cli.run import check_device, told
 from plenopiv.cli.terminal import Outcome
 from plenopiv.errors import PlenoPIVError
 
@@ -32,9 +32,11 @@ def correlate(
     out: Path | None,
     overwrite: bool,
     together: Together,
+    device: str | None = None,
     **others: Any,
 ) -> Outcome:
-    """Measure again, and say where the results are. ``others``: keys of [correlation] that are numbers.
+    """Measure again, and say where the results are. ``device``: another than the run's; ``others``: keys of
+    [correlation] that are numbers.
 
     Raises:
         PlenoPIVError: there are no volumes, they or the settings cannot be used, or the output folder holds results of
@@ -42,6 +44,7 @@ def correlate(
     """
     if together.phase is not None and not together.ensemble:
         raise PlenoPIVError("--phase: averages correlations; give --ensemble too (of fields: plenopiv statistics)")
+    check_device(device)
     changed = {
         "windows": None if windows is None else sizes_of(windows, "--windows"),
         "inner_window": None if inner_window is None else sizes_of(inner_window, "--inner-window", 1)[0],
@@ -49,7 +52,7 @@ def correlate(
     }
     from plenopiv.run.correlate import correlate as measure_again
 
-    options: dict[str, Any] = {"out": out, "overwrite": overwrite, "ensemble": together.ensemble}
+    options: dict[str, Any] = {"out": out, "overwrite": overwrite, "ensemble": together.ensemble, "device": device}
     if together.phase is not None:
         from plenopiv.statistics import Phases
 

@@ -11,6 +11,7 @@ from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from plenopiv.cli.progress import Progress
+from plenopiv.cli.run import of_option
 from plenopiv.cli.terminal import Outcome, coloured
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
@@ -92,13 +93,13 @@ def check(file: Path, every: bool = False) -> Outcome:
     return Outcome(text, facts, 0 if found.usable else 2)
 
 
-def preview(file: Path) -> Outcome:
-    """Measure the middle of a recording coarsely.
+def preview(file: Path, device: str | None = None) -> Outcome:
+    """Measure the middle of a recording coarsely, on another ``device`` than the file's.
 
     Raises:
         PlenoPIVError: as ``plenopiv run`` does, or the volume leaves out the middle.
     """
-    experiment = Experiment.load(file)
+    experiment = of_option(Experiment.load(file), device)
     from plenopiv.run.preview import preview
 
     with Progress() as progress:

@@ -1,4 +1,4 @@
-"""Options of the command line that say where pairs are measured."""
+"""Options of the command line that say where pairs are measured, and on what."""
 
 from __future__ import annotations
 
@@ -20,4 +20,8 @@ Scheduler = Annotated[
 SchedulerFile = Annotated[
     Path | None,
     typer.Option("--scheduler-file", metavar="FILE", help="The same, by the file that the scheduler writes."),
+]
+Device = Annotated[
+    str | None,
+    typer.Option("--device", metavar="KIND", help="cpu, gpu, or auto, a GPU where there is one; else as in the file."),
 ]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 from plenopiv.cli.progress import Progress
 from plenopiv.cli.terminal import Outcome, command_line
 from plenopiv.errors import PlenoPIVError, printable
 from plenopiv.experiment import Experiment
+from plenopiv.experiment.compute import ComputeTable
 from plenopiv.run.workers import Workers
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 LISTED = 20  # pairs set aside that are named on the terminal
 SET_ASIDE = 3  # exit code of a run that measured some of the pairs
+DEVICES = get_args(ComputeTable.model_fields["device"].annotation)
 Where = tuple[int | None, int | None, str | None, Path | None]
 
 
@@ -27,15 +29,16 @@ def run(
     force: bool = False,
     pairs: str | None = None,
     where: Where = (None, None, None, None),
+    device: str | None = None,
 ) -> Outcome:
     """Run an experiment file and say where the results are; ``where``: number of workers, threads of each, address of
-    a scheduler, its file.
+    a scheduler, its file. ``device``: another than the file's.
 
     Raises:
         PlenoPIVError: the experiment file or its images are wrong, the recording is unusable, or the output folder
             holds results of other inputs.
     """
-    experiment, chosen = Experiment.load(file), None if pairs is None else pairs_of(pairs)
+    experiment, chosen = of_option(Experiment.load(file), device), None if pairs is None else pairs_of(pairs)
     workers = Workers(*where) if any(each is not None for each in where) else None
     from plenopiv.run.series import run as run_series  # here: a mistake in the file is told before the kernels load
 
@@ -48,6 +51,22 @@ def run(
         text = f"{done} of {count} pairs are finished; {command_line('run', file)} puts them together"
         return Outcome(text, {"finished": done, "pairs": count})
     return told(result)
+
+
+def of_option(experiment: Experiment, device: str | None) -> Experiment:
+    """An experiment on the device that ``--device`` names.
+
+    Raises:
+        PlenoPIVError: there is no such kind.
+    """
+    check_device(device)
+    return experiment.on_device(device)
+
+
+def check_device(device: str | None) -> None:
+    """Raise PlenoPIVError where ``--device`` names no kind."""
+    if device is not None and device not in DEVICES:
+        raise PlenoPIVError(f"--device {printable(device)}: give cpu, gpu or auto")
 
 
 def told(result: RunResult) -> Outcome:

@@ -43,18 +43,15 @@ class Device:
     @property
     def stated(self) -> str:
         """As the manifest has it: results of other devices may have other bits."""
-        return self.kind if self.kind == "cpu" else f"{self.kind}: {self.name}, {self._words}"
+        return self.kind if self.kind == "cpu" else f"{self.kind}: {self.name}"
 
     @property
     def text(self) -> str:
         """For the user."""
-        return (
-            "this processor" if self.kind == "cpu" else f"{self.name}, {self._words}, JAX {dict(self.versions)['jax']}"
-        )
-
-    @property
-    def _words(self) -> str:
-        return "memory not limited" if self.memory is None else f"{self.memory / 1e9:.2f} GB"
+        if self.kind == "cpu":
+            return "this processor"
+        lends = "" if self.memory is None else f", {self.memory / 1e9:.2f} GB"
+        return f"{self.name}{lends}, JAX {dict(self.versions)['jax']}"
 
     @contextmanager
     def in_use(self) -> Iterator[None]:

@@ -54,17 +54,18 @@ def measure(
 
 
 class DevicePair:
-    """Two volumes on the device (``multigrid.Pairs``)."""
+    """Two volumes on the device, ``both`` as ``Planes`` (``multigrid.Pairs``)."""
 
     def __init__(self, a: Volume, b: Volume, plan: Room) -> None:
         self._shape, self._plan = a.grid.shape, plan
-        self._both = Planes(a, plan.resident), Planes(b, plan.resident)
+        self.both = Planes(a, plan.resident), Planes(b, plan.resident)
 
     def offset(
         self, windows: WindowGrid, first: NDArray[np.float64], progress: Progress | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """See ``offset.discrete_offset``."""
-        return discrete_offset(*self._both, windows, first, self._plan.batch(windows.size))
+        _, rows, columns = windows.shape
+        return discrete_offset(*self.both, windows, first, self._plan.batch(windows.size, rows * columns))
 
     def correlated(
         self,
@@ -82,16 +83,13 @@ class DevicePair:
         depth, step = windows.size[0], windows.step[0]
         a, b = (
             Deformed(planes, predictor, share, depth, step)
-            for planes, share in zip(self._both, (-0.5, 0.5), strict=True)
+            for planes, share in zip(self.both, (-0.5, 0.5), strict=True)
         )
         filters = tuple(jnp.asarray(each) for each in batches.correlator.filters)
-        batch, waiting = self._plan.batch(how.around), dict[int, list[Found]]()
+        waiting = dict[int, list[Found]]()
         for layer, start in enumerate(windows.starts[0].tolist()):
             planes = a.layer(start), b.layer(start)
-            waiting[layer] = [
-                correlated(*planes, *_of_batch(batches, layer, part, batch), filters, how)
-                for part in _parts(batches.count, batch)
-            ]
+            waiting[layer] = self.layer(batches, layer, planes, filters, how)
             if layer:  # while the device computes this layer
                 _take(waiting.pop(layer - 1), layer - 1, vectors, spread)
                 if step_done is not None:
@@ -100,6 +98,19 @@ class DevicePair:
         if step_done is not None:
             step_done(batches.layers, batches.layers)
         return vectors.result(predictor, spread if scatter else None)
+
+    def layer(
+        self,
+        batches: WindowPass,
+        layer: int,
+        planes: tuple[jax.Array, jax.Array],
+        filters: tuple[jax.Array, ...],
+        how: How,
+    ) -> list[Found]:
+        """The windows of a layer, cut out of its ``planes`` of both volumes."""
+        batch = self._plan.batch(how.around, batches.count)
+        parts = _parts(batches.count, batch)
+        return [correlated(*planes, *_of_batch(batches, layer, part, batch), filters, how) for part in parts]
 
 
 def _parts(count: int, batch: int) -> Iterator[NDArray[np.int64]]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import prod
+from math import ceil, prod
 
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.transforms import fast_length
@@ -33,9 +33,10 @@ class Room:
     voxels: int
     needed: float
 
-    def batch(self, size: Sequence[int]) -> int:
-        """Windows of a batch of windows of ``size``."""
-        return max(1, self.voxels // prod(size))
+    def batch(self, size: Sequence[int], count: int) -> int:
+        """Windows of a batch, where there are ``count`` of ``size`` in a layer: batches are filled alike."""
+        most = max(1, self.voxels // prod(size))
+        return ceil(count / ceil(count / most))
 
 
 def room(shape: Shape, settings: CorrelationSettings, memory: float | None, *, voxels: int | None = None) -> Room:

@@ -14,6 +14,7 @@ from plenopiv.cameras.consistency import contradictions, mismatch
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import in_view, messages, text
+from plenopiv.experiment.compute import ComputeTable
 from plenopiv.experiment.medium import MediumTable, medium_contradictions
 from plenopiv.experiment.simulation_tables import SimulationTable
 from plenopiv.experiment.tables import (
@@ -47,6 +48,7 @@ class Experiment(Table):
     volume: VolumeTable
     reconstruction: ReconstructionTable = ReconstructionTable()
     correlation: CorrelationTable
+    compute: ComputeTable = ComputeTable()
     output: OutputTable = OutputTable()
     simulation: SimulationTable | None = None
     _path: Path = PrivateAttr(default=Path("experiment.toml"))
@@ -190,6 +192,18 @@ class Experiment(Table):
             frames, pairs = pairs_of(folder, table.pairs, table.stacked, others)
         sensor, dt_s, orientation = self.camera().sensor, table.dt_s, table.orientation
         return Recording(sensor, frames, white, dt_s, orientation, pairs, dark, background, of_frames, mask)
+
+    def on_device(self, device: str | None) -> Experiment:
+        """The same on another ``compute.device``; None: this one.
+
+        Raises:
+            PlenoPIVError: there is no such kind.
+        """
+        if device is None or device == self.compute.device:
+            return self
+        tables = self.model_dump(by_alias=True, exclude_none=True)
+        tables["compute"]["device"] = device
+        return Experiment.from_dict(tables, self._path)
 
     def warnings(self) -> list[str]:
         """Warnings before a run, one line each; none of them stops the run."""

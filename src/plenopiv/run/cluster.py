@@ -229,9 +229,10 @@ def _handed_over(job: Job, pool: Pool) -> Iterator[Any]:
 
     content = pickle.dumps(job, protocol=pickle.HIGHEST_PROTOCOL)
     path = Path.cwd() / job.folder / f".job.{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex[:8]}.part"
-    versions = tuple(computing_versions().items())
+    device = job.chain.device
+    versions = (*computing_versions(device).items(), ("device", device.stated))
     digest = hashlib.sha256(content).hexdigest()
-    handle = on_worker.Handle(path, digest, Path.cwd(), versions, pool.workers.threads_of_each)
+    handle = on_worker.Handle(path, digest, Path.cwd(), versions, pool.workers.threads_of_each, device.kind)
     try:
         with path.open("xb") as file:
             file.write(content)

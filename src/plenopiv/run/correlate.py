@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from plenopiv.device.backend import device_of
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.io.series_folder import SeriesFolder
@@ -38,6 +39,7 @@ def correlate(
     ensemble: bool = False,
     phases: Phases | None = None,
     bins: int = BINS,
+    device: str | None = None,
     **correlation: Any,
 ) -> RunResult:
     """Measure the vectors of a finished run again from the volumes that it kept (output.volumes = true).
@@ -46,7 +48,7 @@ def correlate(
     to ``out``, by default a folder beside ``results`` that is named by the windows; its files are those of a run, and
     vectors are those that a whole run with these keys would give, bit for bit. Pairs that were set aside for their
     frames stay so; those whose field was bad are measured again. Finished pairs are kept, whatever ends it.
-    ``overwrite``: as for ``run``.
+    ``overwrite``, ``device``: as for ``run``.
 
     ``ensemble``: one field of all pairs instead, of a steady flow: their correlations are summed (``Chain.ensemble``).
     Its time is the mean of theirs, ``pairs`` (time,) says how many they are; pairs that were set aside for their frames
@@ -63,16 +65,19 @@ def correlate(
     clock = Clock()
     kept = KeptVolumes.of(results)
     fields: EachPair | Ensembles = Ensembles.of(kept, phases, bins) if ensemble else EachPair(kept)
-    experiment, directory = kept.with_correlation(correlation, None if out is None else Path(out), fields.words)
+    experiment, directory = kept.with_correlation(correlation, None if out is None else Path(out), fields.words, device)
+    computing = device_of(experiment.compute.device, experiment.compute.device_memory_gb)
+    if ensemble and computing.kind != "cpu":
+        raise PlenoPIVError("ensembles are correlated on this processor: give --device cpu")
     recording = experiment.recording()
     with clock("check"):
         kept.check(recording)
     with kept_warnings() as caught, SeriesFolder(directory, overwrite) as folder:
         _tell_before(experiment, kept)
-        inputs = kept.stated_inputs(experiment, recording) | fields.stated
+        inputs = kept.stated_inputs(experiment, recording, computing) | fields.stated
         folder.begin(inputs)
         with clock("calibration"):
-            chain = kept.chain(experiment, recording, report)
+            chain = kept.chain(experiment, recording, report, computing)
         inputs = with_calibration(inputs, chain, recording)
         folder.settle(inputs)
         times = fields.times(recording)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.chain import Chain
+from plenopiv.device.backend import CPU, Device
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.io.manifest import digest_of, sha256
@@ -24,16 +25,17 @@ from plenopiv.run.versions import versions
 COMPUTING = ("plenopiv", "numpy", "scipy", "numba", "llvmlite")  # libraries whose version may change bits
 
 
-def stated_inputs(experiment: Experiment, recording: Recording, force: bool) -> dict[str, Any]:
+def stated_inputs(experiment: Experiment, recording: Recording, force: bool, device: Device = CPU) -> dict[str, Any]:
     """Inputs that are known before anything is computed: versions, device, settings, and hashes of the images that
-    calibrate, of target, mask and body.
+    calibrate, of target, mask and body. ``device``: what ``experiment.compute`` asks for, as it was found.
     """
     tables = experiment.model_dump(by_alias=True, exclude_none=True)
-    tables.pop("simulation", None)
+    for name in ("simulation", "compute"):
+        tables.pop(name, None)
     tables["output"].pop("directory", None)
     return {
-        "versions": computing_versions(),
-        "device": "cpu",
+        "versions": computing_versions(device),
+        "device": device.stated,
         "force": force,
         "settings": plain(tables),
         "files": calibrating_files(experiment, recording),
@@ -58,10 +60,10 @@ def names_of(images: Sequence[str]) -> list[str]:
     return [name if names.count(name) == 1 else f"{name} ({k + 1})" for k, name in enumerate(names)]
 
 
-def computing_versions() -> dict[str, str]:
+def computing_versions(device: Device = CPU) -> dict[str, str]:
     """Versions that bits may depend on."""
     known = versions()
-    return {name: known[name] for name in COMPUTING}
+    return {name: known[name] for name in COMPUTING} | dict(device.versions)
 
 
 def with_calibration(inputs: Mapping[str, Any], chain: Chain, recording: Recording) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.chain import Chain
 from plenopiv.checks import Finding, PairCheck, common
+from plenopiv.device.backend import Device
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.io import manifest as manifests
@@ -96,17 +97,21 @@ class KeptVolumes:
         return list(changes(self.inputs["versions"], {name: known[name] for name in COMPUTING}))
 
     def with_correlation(
-        self, changed: Mapping[str, Any], out: Path | None = None, words: Sequence[str] = ()
+        self,
+        changed: Mapping[str, Any],
+        out: Path | None = None,
+        words: Sequence[str] = (),
+        device: str | None = None,
     ) -> tuple[Experiment, Path]:
         """The experiment with other keys of [correlation], and its results folder: ``out``, or one beside the run's
-        that is named by ``words``, the windows and what else is changed.
+        that is named by ``words``, the windows and what else is changed. ``device``: another ``compute.device``.
 
         Sub-windows are as the run's experiment file stated them, or derived from the last window anew.
 
         Raises:
             PlenoPIVError: keys or values cannot be used, or ``out`` is the run's own folder.
         """
-        tables = self.experiment.model_dump(by_alias=True, exclude_none=True)
+        tables = self.experiment.on_device(device).model_dump(by_alias=True, exclude_none=True)
         correlation = tables["correlation"]
         if "inner_window" not in self.inputs["settings"]["correlation"]:
             correlation.pop("inner_window", None)
@@ -200,13 +205,13 @@ class KeptVolumes:
         judge = PairJudge(self.inputs["force"], check, tuple(finding.severity for finding in findings))
         return Judgement(judge, findings)
 
-    def stated_inputs(self, experiment: Experiment, recording: Recording) -> dict[str, Any]:
+    def stated_inputs(self, experiment: Experiment, recording: Recording, device: Device) -> dict[str, Any]:
         """What results of ``experiment``, measured from these volumes, depend on, but for its calibration."""
         made = {"run": digest_of(self.inputs), "files": digest_of(self.digests)}
-        return stated_inputs(experiment, recording, self.inputs["force"]) | {"volumes": made}
+        return stated_inputs(experiment, recording, self.inputs["force"], device) | {"volumes": made}
 
-    def chain(self, experiment: Experiment, recording: Recording, progress: Progress) -> Chain:
-        """The chain that measures between the volumes, with the camera calibrated anew.
+    def chain(self, experiment: Experiment, recording: Recording, progress: Progress, device: Device) -> Chain:
+        """The chain that measures between the volumes on a ``device``, with the camera calibrated anew.
 
         Raises:
             PlenoPIVError: the calibration is not that of the run; as ``calibrated_camera`` and ``solid_of``.
@@ -225,7 +230,7 @@ class KeptVolumes:
                 f"{self.results}: its files give another calibration now than when it was run; run again with "
                 "--overwrite"
             )
-        return chain
+        return chain.on_device(device)
 
     def _unusable(self, recording: Recording, camera: PlenopticCamera, progress: Progress) -> NDArray[np.bool_] | None:
         """Of a run that estimated static light from the frames, which may have shown hot pixels: only then are the

@@ -19,6 +19,7 @@ from pathlib import Path
 import dask
 import numba
 
+from plenopiv.device.backend import Kind, device_of
 from plenopiv.errors import PlenoPIVError
 from plenopiv.run.frame import Frame, LostFrame
 from plenopiv.run.inputs import computing_versions
@@ -34,13 +35,15 @@ _JOBS: dict[Handle, JobOnWorker] = {}  # the last one
 @dataclass(frozen=True)
 class Handle:
     """What goes with each task: where the job is and its hash, the folder that relative paths start from, the versions
-    that its bits depend on, and the threads of a task; None for as many as Dask gives the worker."""
+    that its bits depend on ("device" among them), the threads of a task (None for as many as Dask gives the worker),
+    and the kind of device."""
 
     job: Path
     digest: str
     folder: Path
     versions: tuple[tuple[str, str], ...]
     threads: int | None
+    device: Kind = "cpu"
 
 
 @dataclass(frozen=True)
@@ -132,11 +135,11 @@ def _in_folder(folder: Path) -> Iterator[None]:
 
 def _job(handle: Handle) -> JobOnWorker:
     if handle not in _JOBS:
-        here = computing_versions()
+        here = _versions_here(handle)
         for name, wanted in handle.versions:
-            if here[name] != wanted:
+            if here.get(name) != wanted:
                 raise PlenoPIVError(
-                    f"the worker on {socket.gethostname()} has {name} {here[name]}, this run {wanted}, which may "
+                    f"the worker on {socket.gethostname()} has {name} {here.get(name)}, this run {wanted}, which may "
                     "change results; give both the same environment"
                 )
         try:
@@ -149,6 +152,19 @@ def _job(handle: Handle) -> JobOnWorker:
         _JOBS.clear()
         _JOBS[handle] = JobOnWorker(**{each.name: getattr(job, each.name) for each in fields(Job)}, leave=handle.job)
     return _JOBS[handle]
+
+
+def _versions_here(handle: Handle) -> dict[str, str]:
+    """This worker's versions, and its device.
+
+    Raises:
+        PlenoPIVError: the device of the run is not there.
+    """
+    try:
+        device = device_of(handle.device)
+    except PlenoPIVError as error:
+        raise PlenoPIVError(f"the worker on {socket.gethostname()}: {error}") from None
+    return computing_versions(device) | {"device": device.stated}
 
 
 def _unseen(path: Path, error: OSError) -> PlenoPIVError:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numba
 
 from plenopiv.chain import Chain
+from plenopiv.device.correlation_memory import room
 from plenopiv.reconstruction.tiles import cut
 from plenopiv.run import duration, memory
 from plenopiv.run.duration import TimeEstimate
@@ -20,11 +21,13 @@ START = 5.0  # s, calibration, libraries, report without frames
 
 @dataclass(frozen=True)
 class Plan:
-    """The chain of a run, in tiles where memory is short, and the memory and time that it will take."""
+    """The chain of a run, in tiles where memory is short, and the memory and time that it will take; ``on_device``:
+    bytes of a graphics processor's memory, 0 without one."""
 
     chain: Chain
     needed: MemoryEstimate
     takes: TimeEstimate
+    on_device: float = 0.0
 
     @property
     def tiles(self) -> int:
@@ -40,7 +43,18 @@ def plan_between_volumes(chain: Chain) -> Plan:
         needed = replace(needed, light_field=0.0)
     pair = duration.correlation_s(chain.grid, chain.correlation.passes) / threads
     volume = READ + duration.resampling_s(chain.grid, chain.lens_grid) / threads  # in an ensemble more than once a pair
-    return Plan(chain, needed, TimeEstimate(volume, pair, START))
+    return Plan(chain, needed, TimeEstimate(volume, pair, START), correlation_on_device(chain))
+
+
+def correlation_on_device(chain: Chain) -> float:
+    """Bytes of its device's memory that the chain's correlation takes; 0 where this processor correlates.
+
+    Raises:
+        PlenoPIVError: it has fewer than the planes of one layer of windows take.
+    """
+    if chain.device.kind == "cpu":
+        return 0.0
+    return room(chain.grid.shape, chain.correlation, chain.device.memory).needed
 
 
 def plan(chain: Chain, memory_gb: float | None = None) -> Plan:
@@ -59,4 +73,4 @@ def plan(chain: Chain, memory_gb: float | None = None) -> Plan:
         needed = needed.in_tiles(largest / rows)
     takes = duration.of_settings(*settings, numba.get_num_threads(), chain.lens_grid)
     takes = replace(takes, frame=takes.frame * sum(tile.high - tile.low for tile in tiles) / rows)
-    return Plan(chain.with_tiles(tiles), needed, takes)
+    return Plan(chain.with_tiles(tiles), needed, takes, correlation_on_device(chain))

@@ -24,6 +24,7 @@ from plenopiv.body import read_body
 from plenopiv.cameras.coverage import pixels_that_see, seen_by_every_view_mm
 from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.design.advice import Limits, Window
+from plenopiv.device.backend import device_of
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.io.output import made_stage, sweep_stages
@@ -52,13 +53,14 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
     of; an earlier preview is replaced when this one is whole. The experiment's results are not touched.
 
     Raises:
-        PlenoPIVError: an input cannot be used, the volume leaves out the optical axis, or the folder ``preview`` is the
-            results folder or holds something else.
+        PlenoPIVError: an input or the device cannot be used, the volume leaves out the optical axis, or the folder
+            ``preview`` is the results folder or holds something else.
     """
     folder = experiment.folder / FOLDER
     strange = {path.name for path in folder.iterdir()} - HELD if folder.is_dir() else set()
     if strange or folder.resolve() == experiment.output_directory.resolve():
         raise PlenoPIVError(f"{folder}: holds something else than a preview; move it, or rename output.directory")
+    device_of(experiment.compute.device, experiment.compute.device_memory_gb)  # now: before images are read
     recording = experiment.recording()
     target, space = target_calibration(experiment, recording), of_experiment.space_of(experiment, recording)
     part, tables = cropped(experiment, space)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from plenopiv.calibration.target.calibrated import TargetCalibration
 from plenopiv.cameras.space_map import SpaceMap
+from plenopiv.device.backend import device_of
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.io.series_folder import SeriesFolder
@@ -78,6 +79,7 @@ def run(
     workers: Workers | int | None = None,
     space: SpaceMap | None = None,
     target: TargetCalibration | None = None,
+    device: str | None = None,
 ) -> RunResult:
     """Run the whole chain and write the results folder: velocity.nc, summary.json, experiment.toml, report.html
     and its figures, manifest.jsonl; of several pairs a file each in pairs/.
@@ -91,15 +93,16 @@ def run(
     scheduler, measure the pairs, with the same bits; ``memory_gb`` is then of all processes on this machine, or of each
     of a scheduler's workers. ``space``: the map between the laboratory, whose x, y, z those of the experiment then are,
     and lens space, ``target``: the camera calibrated with a target, where they are known otherwise than from the
-    experiment's calibration.
+    experiment's calibration. ``device``: another ``compute.device`` than the experiment's.
 
     Raises:
-        PlenoPIVError: an input cannot be used, the recording is unusable, memory or disk does not suffice, the folder
-            holds results of other inputs, another run works in it, or the scheduler is gone. What was finished before
-            is kept.
+        PlenoPIVError: an input cannot be used, the device is not there, the recording is unusable, memory or disk does
+            not suffice, the folder holds results of other inputs, another run works in it, or the scheduler is gone.
+            What was finished before is kept.
     """
     report = progress or (lambda stage, done, total: None)
-    clock = Clock()
+    clock, experiment = Clock(), experiment.on_device(device)
+    computing = device_of(experiment.compute.device, experiment.compute.device_memory_gb)
     begin, end = (0, None) if pairs is None else (pairs[0], pairs[1] + 1)
     opened = SeriesFolder(experiment.output_directory, overwrite, begin, end)
     with kept_warnings() as caught, opened as folder, ExitStack() as until_measured:
@@ -107,7 +110,7 @@ def run(
             warnings.warn(line, PlenoPIVWarning, stacklevel=2)
         recording = experiment.recording()
         wanted = _wanted(recording, pairs)
-        inputs = stated_inputs(experiment, recording, force)
+        inputs = stated_inputs(experiment, recording, force, computing)
         folder.begin(inputs)
         pool = until_measured.enter_context(started(workers, limit_of_worker(workers, memory_gb)))
         with clock("check"):
@@ -120,6 +123,7 @@ def run(
             lattice = judgement.lattice
             chain, recording, calibration = calibrated_chain(experiment, recording, lattice, stage, space, target)
         _tell_static_light(calibration)
+        chain = chain.on_device(computing)
         planned, share = (plan(chain, memory_gb), None) if pool is None else shared_plan(chain, memory_gb, pool.workers)
         inputs = with_calibration(inputs, chain, recording) | {"tiles": planned.tiles}  # these give other bits
         folder.settle(inputs)

@@ -135,6 +135,8 @@ def tell_kept(folder: SeriesFolder, count: int) -> None:
 def tell_plan(planned: Plan, frames: int, pairs: int, memory: str | None = None) -> None:
     """Say what memory and time so many frames and pairs take; ``memory`` in words where several processes share it."""
     log.info("memory: %s", memory or f"about {planned.needed.peak / 1e9:.2g} GB")
+    if (device := planned.chain.device).kind != "cpu":
+        log.info("device: %s; about %.2g GB of its memory", device.text, planned.on_device / 1e9)
     log.info("time: about %s", duration.as_text(planned.takes.run(frames, pairs)))
 
 

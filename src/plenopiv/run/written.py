@@ -53,7 +53,8 @@ def summary_of(
     return {
         "not_in_images": _not_in_images(fields, recording),
         "plenopiv": plenopiv.__version__,
-        "versions": versions(),
+        "versions": versions() | dict(plan.chain.device.versions),
+        "device": plan.chain.device.stated,
         "experiment": experiment.path.name,
         "pairs": len(records),
         "frames": list(frames),
@@ -68,6 +69,7 @@ def summary_of(
         "median_peak_ratio": float(np.median([field["median_peak_ratio"] for field in fields])),
         "tiles": plan.tiles,
         "memory_estimate_gb": plan.needed.peak / 1e9,
+        **({"device_memory_estimate_gb": plan.on_device / 1e9} if plan.on_device else {}),
         "warnings": list(warned),
         "time_estimate_s": round(plan.takes.run(len(frames), len(fields)), 1),
         "timings_s": clock.seconds,
