@@ -145,11 +145,17 @@ def _deformed(
     weights_x: jax.Array,
     share: float,
 ) -> jax.Array:
-    """The same with deformed planes: source voxels ``first`` + k + d_z, j + d_y, i + d_x, by the cubic B-spline."""
-    at = coefficients
-    for axis, (begin, weights) in enumerate(((first_z, weights_z), (first_x, weights_x), (first_y, weights_y))):
-        at = _expanded(at, (1, 3, 2)[axis], begin, weights)
-    return jnp.concatenate([held[first_z.size :], sampled(source, first, share * at)])
+    """The same with deformed planes: source voxels ``first`` + k + d_z, j + d_y, i + d_x, by the cubic B-spline. One
+    plane after the other, which has work enough: places and weights of all would take far more memory than they."""
+
+    def made(plane: tuple[jax.Array, jax.Array, jax.Array]) -> jax.Array:
+        k, begin, weights = plane
+        at = _expanded(coefficients, 1, begin[None], weights[None])
+        at = _expanded(_expanded(at, 3, first_x, weights_x), 2, first_y, weights_y)
+        return sampled(source, first + k, share * at)[0]
+
+    more = jax.lax.map(made, (jnp.arange(first_z.size), first_z, weights_z))
+    return jnp.concatenate([held[first_z.size :], more])
 
 
 def _expanded(values: jax.Array, axis: int, first: jax.Array, weights: jax.Array) -> jax.Array:
@@ -162,7 +168,7 @@ def _expanded(values: jax.Array, axis: int, first: jax.Array, weights: jax.Array
     return total
 
 
-def sampled(source: jax.Array, first: int, moved: jax.Array) -> jax.Array:
+def sampled(source: jax.Array, first: int | jax.Array, moved: jax.Array) -> jax.Array:
     """Planes (n, ny, nx) of which voxel k, j, i is the ``source`` at ``first`` + k, j, i plus ``moved`` (3, n, ny, nx),
     x, y, z; 0 where its neighbours lie outside the source."""
     _, planes, ny, nx = moved.shape

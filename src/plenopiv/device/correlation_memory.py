@@ -16,12 +16,13 @@ from plenopiv.errors import PlenoPIVError
 Shape = tuple[int, int, int]  # along z, y, x
 
 BATCH_VOXELS = 1 << 24  # of the windows that a graphics processor correlates at once, at most
-BATCH_VOXELS_CPU = 1 << 20
+BATCH_VOXELS_CPU = 1 << 19
 LEAST_VOXELS = 1 << 18  # of a batch where memory is short: a few windows
-WINDOW = 14.0  # arrays of a batch's voxels
-HELD = 4.0  # planes for each of a layer's, of both volumes: held, and their copy while they move on
-MADE = 12.0  # planes for each that is deformed at once: displacements along three axes, their parts, what comes out
-REACH = 16  # planes that deformation reads beyond those that it makes, on both sides together; more where w is large
+WINDOW = 14.0  # arrays of a batch's voxels, with room for a library's transforms
+HELD = 3.0  # planes for each of a layer's: held of both volumes, and a copy while those of one move on
+MADE = 2.0  # planes for each that is deformed from one layer to the next: source and result
+ONE = 30.0  # planes while one is deformed: its displacements, places and weights
+REACH = 16.0  # planes that deformation reads beyond those that it makes, on both sides together; more where w is large
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,8 @@ def layers_bytes(shape: Shape, settings: CorrelationSettings) -> float:
     planes = 0.0
     for window, overlap in settings.passes:
         step = max(1, round(window[2] * (1 - overlap)))
-        planes = max(planes, HELD * window[2] + (MADE + 1) * step + REACH)
-    return min(planes, 4 * nz * HELD) * 4.0 * ny * nx
+        planes = max(planes, HELD * window[2] + MADE * step + min(REACH, nz))
+    return (planes + ONE) * 4.0 * ny * nx
 
 
 def _halves(most: int, least: int) -> list[int]:

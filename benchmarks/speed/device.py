@@ -1,0 +1,160 @@
+"""Each stage on a device, measured beside what its bandwidth allows:  device.py [gpu | jax-cpu]
+
+On a graphics processor where there is one, else the same code on this processor. Three sizes of volumes; the shares of
+bandwidth and rate that stages reach are fitted to the middle one and predict the others. Writes device-gpu.json or
+device-jax-cpu.json beside this file, and prints a table.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from plenopiv.device import work
+from plenopiv.device.backend import device_of
+from plenopiv.device.rates import Rates, bare, best
+from plenopiv.displacement.predictor import SplineField, fit_spline
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.window_pass import WindowPass
+from plenopiv.displacement.windows import window_grid
+from plenopiv.errors import PlenoPIVError
+from plenopiv.volume import DenseVolume, VoxelGrid
+
+HERE = Path(__file__).parent
+SETTINGS = CorrelationSettings(((40, 40, 20), (32, 32, 16)), inner_window=(32, 32, 16))
+FITTED = 1  # the middle one
+SHAPES = {
+    "jax-cpu": ((56, 144, 160), (72, 192, 224), (88, 256, 288)),  # planes, rows, columns
+    "gpu": ((96, 384, 384), (160, 640, 640), (240, 1200, 1600)),
+}
+
+
+def main() -> None:
+    asked = sys.argv[1] if len(sys.argv) > 1 else "auto"
+    if (device := device_of(asked)).kind == "cpu":
+        device = device_of("jax-cpu")
+    with device.in_use():
+        print(device.text)
+        rates = bare(device)
+        found = [size(shape) for shape in SHAPES[device.kind]]
+    shares = {name: share(rates, stage) for name, stage in found[FITTED]["stages"].items()}
+    fitted = replace(rates, shares=shares)
+    for each in found:
+        for name, stage in each["stages"].items():
+            stage["predicted_s"] = fitted.of_stage(name, work_of(stage))
+            stage["share_of_bandwidth"] = stage["moved"] / rates.bandwidth / stage["seconds"]
+            stage["bytes_per_s"] = stage["moved"] / stage["seconds"]
+    result = {
+        "device": device.name,
+        "versions": dict(device.versions),
+        "rates": {key: value for key, value in vars(rates).items() if key != "shares"},
+        "shares": shares,
+        "settings": {"windows": SETTINGS.windows, "inner_window": SETTINGS.inner_window},
+        "sizes": found,
+    }
+    (HERE / f"device-{device.kind}.json").write_text(json.dumps(result, indent=1) + "\n")
+    tell(result)
+
+
+def size(shape: tuple[int, int, int]) -> dict[str, Any]:
+    """Measure each stage of the correlation of two volumes of ``shape``."""
+    from plenopiv.device import correlation
+    from plenopiv.device.correlation_memory import room
+
+    predictor = flow(window_grid(shape, *SETTINGS.passes[0]), shape)
+    a, b = particles(shape, predictor)
+    plan = room(shape, SETTINGS, None)
+    stages = dict(work.correlation(shape, SETTINGS, plan.voxels))
+    pair = correlation.DevicePair(a, b, plan)
+    seconds = dict.fromkeys(stages, 0.0)
+    for number, each in enumerate(SETTINGS.passes, 1):
+        grid, last = window_grid(shape, *each), number == len(SETTINGS.passes)
+        batches = WindowPass(grid, predictor if number > 1 else None, SETTINGS, 0.25, shape)
+        planes_s, windows_s = parts(pair, batches, scatter=last)
+        seconds["deformation"] += planes_s
+        seconds["last windows" if last else "windows"] += windows_s
+        if number == 1:
+            first = predictor.at(*grid.centres)
+            seconds["offset"] = best(lambda grid=grid, first=first: pair.offset(grid, first))
+    whole = best(lambda: correlation.measure(a, b, SETTINGS), times=2)
+    described = {name: {"seconds": seconds[name], **vars(stage)} for name, stage in stages.items()}
+    return {"shape": list(shape), "voxels": plan.voxels, "whole_s": whole, "stages": described}
+
+
+def parts(pair: Any, batches: WindowPass, scatter: bool) -> tuple[float, float]:
+    """Seconds of a pass for its planes, and for its windows."""
+    import jax
+
+    from plenopiv.device.correlation_deformation import Deformed
+    from plenopiv.device.correlation_windows import How
+
+    grid, how = batches.windows, How.of(batches, scatter)
+
+    def planes() -> Any:
+        about = batches.predictor, grid.size[0], grid.step[0]
+        both = [Deformed(each, about[0], s, *about[1:]) for each, s in zip(pair.both, (-0.5, 0.5), strict=True)]
+        return [each.layer(start) for start in grid.starts[0].tolist() for each in both][-2:]
+
+    held = planes()
+    filters = tuple(jax.numpy.asarray(each) for each in batches.correlator.filters)
+
+    def windows() -> Any:
+        return [pair.layer(batches, layer, held, filters, how) for layer in range(batches.layers)]
+
+    return best(planes), best(windows)
+
+
+def particles(shape: tuple[int, int, int], moved: SplineField) -> tuple[DenseVolume, DenseVolume]:
+    """Two volumes of particles, six in a window, displaced by whole voxels."""
+    rng, (z, y, x) = np.random.default_rng(0), (np.arange(n) for n in shape)
+    at = rng.integers(0, shape, (int(6 * np.prod(shape) / 16 / 32 / 32), 3))
+    d = np.rint(moved.at(z, y, x)).astype(int)[::-1, *at.T].T  # z, y, x
+    grid, out = VoxelGrid((0.0,) * 3, (1.0,) * 3, shape), []
+    for where in (at - d // 2, at - d // 2 + d):
+        light = np.zeros(shape, np.float32)
+        np.add.at(light, tuple(np.clip(where, 0, np.array(shape) - 1).T), 20.0)
+        out.append(DenseVolume(grid, gaussian_filter(light, 1.0)))
+    return out[0], out[1]
+
+
+def flow(grid: Any, shape: tuple[int, int, int]) -> SplineField:
+    """A smooth displacement of up to two voxels."""
+    z, y, x = (np.sin(2 * c / n) for c, n in zip(np.meshgrid(*grid.centres, indexing="ij"), shape, strict=True))
+    return fit_spline(np.stack([2 * y, -2 * x, z]), grid.centres, shape)
+
+
+def work_of(stage: Mapping[str, float]) -> work.Work:
+    return work.Work(stage["moved"], stage["operations"], stage["calls"])
+
+
+def share(rates: Rates, stage: Mapping[str, float]) -> float:
+    """What a stage reaches of bandwidth or rate, whichever limits it."""
+    least = max(stage["moved"] / rates.bandwidth, stage["operations"] / rates.operations)
+    return least / max(stage["seconds"] - stage["calls"] * rates.call_s, 0.1 * stage["seconds"])
+
+
+def tell(result: Mapping[str, Any]) -> None:
+    rates = result["rates"]
+    print(f"{rates['bandwidth'] / 1e9:.1f} GB/s, {rates['operations'] / 1e9:.0f} Gop/s, {rates['call_s'] * 1e6:.0f} us")
+    for each in result["sizes"]:
+        print(" x ".join(map(str, each["shape"])), f"  whole {each['whole_s']:.2f} s")
+        for name, stage in each["stages"].items():
+            ratio, of_bandwidth = stage["predicted_s"] / stage["seconds"], 100 * stage["share_of_bandwidth"]
+            print(
+                f"  {name:<12} {stage['seconds']:8.3f} s, predicted {stage['predicted_s']:8.3f} s ({ratio:.2f}), "
+                f"{of_bandwidth:.0f} % of bandwidth"
+            )
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except PlenoPIVError as error:
+        sys.exit(f"device.py: {error}")
