@@ -1,0 +1,36 @@
+"""What programs for a projection are compiled for: what MART on the device knows of cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import jax
+from numpy.typing import NDArray
+
+Update = Callable[[jax.Array, jax.Array], jax.Array]
+
+
+class Form(Protocol):
+    """What programs for a projection are compiled for; it is hashable. ``tables``: what it works with."""
+
+    @property
+    def pixels(self) -> int:
+        """Of each view, with those that are only there for the sake of shapes."""
+
+    @property
+    def double(self) -> bool:
+        """Whether programs need JAX's double precision switched on."""
+
+    def padded(self, values: NDArray, views: NDArray | None = None) -> NDArray:
+        """Values (view, pixel) of the host as the device has them: of ``views``, None for all."""
+
+    def inner(self, values: NDArray, views: NDArray | None = None) -> NDArray:
+        """The inverse of ``padded``."""
+
+    def forward(self, tables: Any, views: jax.Array, volume: jax.Array) -> jax.Array:
+        """The volume's light in several views, (views, pixels)."""
+
+    def back(self, tables: Any, views: jax.Array, images: jax.Array, volume: jax.Array, update: Update) -> jax.Array:
+        """``volume`` with its voxels replaced by ``update(voxels, total)``, where ``total`` is the sum of ``images``
+        (views, pixels) over the pixels that each of them lights, by weights."""

@@ -1,0 +1,148 @@
+"""Views of a dense volume, and what pixels give back, by the device's code on this processor: those of the kernels."""
+
+from dataclasses import replace
+from math import radians
+
+import numpy as np
+import pytest
+from oracles.cameras import small_camera
+
+pytest.importorskip("jax")
+import jax.numpy as jnp
+
+from plenopiv.cameras.pose import FRONT, SIDE
+from plenopiv.cameras.space_map import PLACE_POWERS
+from plenopiv.device.projection import forward, gather, on_device
+from plenopiv.errors import PlenoPIVError
+from plenopiv.lattice import LatticeMap
+from plenopiv.lightfield import layout
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
+from plenopiv.projection.several_cameras import SeveralCameras
+from plenopiv.volume import SparseVolume, VoxelGrid
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+NEAR = VoxelGrid.covering((-0.41, 0.39), (-0.3, 0.33), (-2.1, -1.3), (0.0385, 0.0385, 0.1))
+FAR = VoxelGrid.covering((-0.2, 0.2), (-0.3, 0.3), (7.5, 9.0), (0.01, 0.01, 0.5))  # two voxels to a point
+FOCUS = VoxelGrid.covering((-0.2, 0.2), (-0.2, 0.25), (-0.4, 0.4), (0.05, 0.05, 0.1))
+LENS_MAP = LatticeMap(2, 0.25, ((0.012, 0.01), (-0.008, -0.015), (0.01, 0.0), (0.0, 0.02), (0.01, 0.0)))
+
+
+def projector_of(kind, degrees, grid, shifts=None, light=False, **options):
+    camera = small_camera(kind, pmr=8, rotation_rad=radians(degrees), offset_mm=(0.013, -0.027))
+    if options:
+        camera = camera.with_lattice(replace(camera.lattice, **options))
+    where = layout(camera)
+    if light:
+        share = np.random.default_rng(5).uniform(0.6, 1.0, where.seen.shape).astype(np.float32)
+        where = replace(where, light=share)
+    if shifts is not None:
+        rng = np.random.default_rng(6)
+        shifts = rng.normal(0, shifts, (where.views, len(PLACE_POWERS), 2)).astype(np.float32)
+    return PlenopticProjector(where, grid, shifts=shifts)
+
+
+def compared(projection, views, share=1.1, seed=0):
+    """Images of a volume and what random images give back, both of the kernels and of the device: of each the largest
+    difference as a share of the largest value, and how far both are from transposes of each other."""
+    rng, grid = np.random.default_rng(seed), projection.grid
+    listed = SparseVolume.from_mask(grid, rng.random(grid.shape) < share)
+    listed = listed.with_values(rng.random(listed.column.size).astype(np.float32) * 1000)
+    seen, device = projection.seen[views], on_device(projection)
+    light = forward(device, views, jnp.asarray(listed.dense().values))
+    images = rng.normal(size=seen.shape).astype(np.float32) * seen
+    back = gather(device, views, images)
+    by_kernels = np.array([projection.forward(np.array([view]), listed)[0] for view in views])
+    sums = sum(projection.gather(np.array([v]), images[n : n + 1], listed) for n, v in enumerate(views))
+    assert by_kernels.max() > 0
+    ahead, other = np.sum(light * images.astype(np.float64)), back[listed.mask()].astype(np.float64) * listed.values
+    if isinstance(projection, PlenopticProjector):
+        planes = np.diff(listed.row_start[:: grid.shape[1]])
+        other = other * np.repeat(projection.light_of_planes().astype(np.float64), planes)
+        ahead = abs(ahead - other.sum()) / (np.linalg.norm(light) * np.linalg.norm(images))
+    of_light = np.abs(light - by_kernels).max() / by_kernels.max()
+    of_sums = np.abs(back[listed.mask()] - sums).max() / np.abs(sums).max()
+    print(f"\nlight {of_light:.1e}, back {of_sums:.1e}, transposes {ahead:.1e}")
+    return of_light, of_sums, ahead
+
+
+CASES = {
+    "square": ("square", 0.0, NEAR),
+    "hexagonal, 5 deg, in focus": ("hexagonal", 5.0, FOCUS),
+    "hexagonal, several voxels to a point": ("hexagonal", 0.5, FAR),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_light_and_back_are_those_of_the_kernels(case):
+    """Of a full volume, rows of which the kernels spread by the same outer products."""
+    projector = projector_of(*CASES[case])
+    views = np.arange(0, projector.views, projector.views // 7)[:8]
+    of_light, of_sums, apart = compared(projector, views)
+    assert of_light <= 1e-5
+    assert of_sums <= 1e-5
+    assert apart <= 1e-6
+
+
+def test_voxels_of_a_few_listed():
+    """Rows of few voxels are spread by the kernels by whole rectangles; where outer products are left out, to 3e-4."""
+    projector = projector_of("hexagonal", 5.0, FOCUS)
+    of_light, of_sums, _ = compared(projector, np.arange(8) * 7, share=0.03)
+    assert of_light <= 1e-5
+    assert of_sums <= 1e-5
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"map": LENS_MAP}, {"shifts": 0.01}, {"light": True}],
+    ids=["a distorted array", "views beside their places", "light that a rim clips"],
+)
+def test_what_real_cameras_do(options):
+    projector = projector_of("hexagonal", 1.0, NEAR, **options)
+    of_light, of_sums, apart = compared(projector, np.arange(4) * 15)
+    assert of_light <= 1e-5
+    assert of_sums <= 1e-5
+    assert apart <= 1e-6
+
+
+def test_each_axis_moves_light_its_own_way():
+    """One voxel's light moves as the kernels say when it moves by one voxel along x, y or z."""
+    projector = projector_of("square", 0.0, NEAR)
+    device, places = on_device(projector), [(3, 8, 10), (3, 8, 11), (3, 9, 10), (4, 8, 10)]
+    views, images = np.arange(8) * 7, []
+    for place in places:
+        mask = np.zeros(NEAR.shape, bool)
+        mask[place] = True
+        volume = SparseVolume.from_mask(NEAR, mask, 1e4)
+        found = forward(device, views, jnp.asarray(volume.dense().values))
+        images.append(np.array([projector.forward(int(view), volume) for view in views]))
+        np.testing.assert_allclose(found, images[-1], atol=3e-4 * images[-1].max())
+    for moved in images[1:]:
+        assert np.abs(moved - images[0]).max() > 0.1 * images[0].max()
+
+
+def test_the_same_bits_twice():
+    projector = projector_of("square", 0.0, NEAR)
+    device, rng = on_device(projector), np.random.default_rng(1)
+    volume, views = jnp.asarray(rng.random(NEAR.shape, np.float32)), np.arange(8) * 7
+    images = rng.normal(size=(8, projector.layout.lenses)).astype(np.float32)
+    np.testing.assert_array_equal(forward(device, views, volume), forward(device, views, volume))
+    np.testing.assert_array_equal(gather(device, views, images), gather(device, views, images))
+
+
+def test_two_cameras_around_a_volume():
+    grid = VoxelGrid.covering((-0.3, 0.35), (-0.2, 0.2), (-0.3, 0.25), (0.05, 0.04, 0.06))
+    wheres = [layout(small_camera("square", pmr=8, microlenses=size)) for size in ((14, 9), (13, 11))]
+    poses = FRONT, SIDE
+    each = [PlenopticProjector(where, pose.grid(grid)) for where, pose in zip(wheres, poses, strict=True)]
+    several = SeveralCameras(grid, each, poses)
+    views = np.array([3, each[0].views + 20, 30, each[0].views + 5])
+    of_light, of_sums, _ = compared(several, views)
+    assert of_light <= 1e-5
+    assert of_sums <= 1e-5
+
+
+def test_weights_of_rays_are_refused():
+    where = layout(small_camera("square", pmr=8))
+    with pytest.raises(PlenoPIVError, match=r'reconstruction\.weights: "9-rays" .* use "exact"'):
+        on_device(PlenopticProjector(where, NEAR, "9-rays"))
