@@ -56,6 +56,17 @@ class Candidates:
     particle: float
 
 
+class Judgement(NamedTuple):
+    """What makes a voxel a candidate: a particle of ``lights`` counts, of each camera, gives no pixel more than
+    ``most`` (view, pixel); ``most`` None for all voxels that the cameras see. ``threshold`` and ``particle`` as in
+    ``Candidates``."""
+
+    most: NDArray[np.float32] | None
+    lights: Sequence[float]
+    threshold: float
+    particle: float
+
+
 def find_candidates(
     values: NDArray[np.float32],
     projection: Projection,
@@ -69,11 +80,24 @@ def find_candidates(
     Raises:
         PlenoPIVError: the frame ``name`` shows no particles, or the method is not one of these cameras.
     """
+    most, lights, threshold, particle = judgement(values, projection, settings, noises, name)
+    volume = projection.visible_voxels() if most is None else projection.candidates(most, lights)
+    return Candidates(volume, threshold, particle)
+
+
+def judgement(
+    values: NDArray[np.float32],
+    projection: Projection,
+    settings: ReconstructionSettings,
+    noises: Sequence[Noise],
+    name: str,
+) -> Judgement:
+    """What makes a voxel a candidate of a frame; arguments and errors as of ``find_candidates``."""
     if settings.method == "mlos-mart":
         if not isinstance(projection, PinholeProjector):
             raise PlenoPIVError('reconstruction.method: "mlos-mart" is for pinhole cameras; use "drt-mart"')
         threshold = lit_above(values, noises[0]) if settings.threshold is None else settings.threshold
-        return Candidates(projection.candidates(values, threshold), threshold, 0.0)
+        return Judgement(values, [threshold], threshold, 0.0)
     limits = np.full(values.shape, np.inf, np.float32)
     rules = list[list[float]]()
     each = zip(projection.each_camera(values), projection.each_camera(limits), noises, strict=True)
@@ -84,8 +108,8 @@ def find_candidates(
         most[:], *rule = light_rule(LightField(projector.layout, own), projector, settings, noise, label)
         rules.append(rule)
     lights, thresholds, particles = zip(*rules, strict=True)
-    volume = projection.visible_voxels() if settings.method == "mart" else projection.candidates(limits, lights)
-    return Candidates(volume, float(np.mean(thresholds)), float(np.mean(particles)))
+    judged = None if settings.method == "mart" else limits
+    return Judgement(judged, lights, float(np.mean(thresholds)), float(np.mean(particles)))
 
 
 class LightRule(NamedTuple):

@@ -6,9 +6,10 @@ starts from (``candidates``). MLOS-MART of pinhole cameras is after Atkinson & S
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,16 @@ class Reconstruction:
     residuals: tuple[float, ...]
 
 
+class Steps(NamedTuple):
+    """How a tile is reconstructed: ``find`` its candidates, the rows of a tile that are ``listed``, the volume
+    ``corrected`` by MART, and a tile's ``own_rows`` of it. The volume between these steps is theirs alone."""
+
+    find: Callable[..., Any]
+    listed: Callable[[Tile, Any], int]
+    corrected: Callable[..., tuple[Any, list[float]]]
+    own_rows: Callable[[Tile, Any], SparseVolume]
+
+
 def reconstruct(
     values: NDArray[np.float32],
     projection: Projection,
@@ -53,17 +64,18 @@ def reconstruct(
     tiles: Sequence[Tile] = (),
     name: str = "frame",
     progress: Progress | None = None,
+    steps: Steps | None = None,
 ) -> Reconstruction:
     """Reconstruct one frame ``values`` (view, pixel), in counts above the black level (``Projection.values_of``).
 
     ``counts_per_electron``: of its shot noise (``noise.counts_per_electron``). ``background`` (view, pixel): counts of
-    static light that were taken off, whose shot noise is left. ``tiles``: rows of voxels to be
-    reconstructed one after the other (``tiles.cut``); none: the whole volume at once.
+    static light that were taken off, whose shot noise is left. ``tiles``: rows of voxels to be reconstructed one after
+    the other (``tiles.cut``); none: the whole volume at once. ``steps``: those of a device, None for this processor's.
 
     Raises:
         PlenoPIVError: the frame ``name`` shows no particles, or none that all cameras see in the same place.
     """
-    grid, rows = projection.grid, projection.grid.shape[1]
+    grid, rows, steps = projection.grid, projection.grid.shape[1], steps or HERE
     each = projection.each_camera(values)
     behind = [None] * len(each) if background is None else [own for _, own in projection.each_camera(background)]
     noises = [
@@ -80,15 +92,15 @@ def reconstruct(
     squares, equations = np.zeros(settings.iterations), 0
     for number, tile in enumerate(tiles):
         own = projection.tile(tile.low, tile.high)
-        found = find_candidates(values, own, settings, noises, name)
+        found = steps.find(values, own, settings, noises, name)
         volume = found.volume
-        if here := tile.listed(volume):
+        if here := steps.listed(tile, volume):
             of_all = None if progress is None else partial(_of_all, progress, number, len(tiles))
             times = len(noises) * rows / (tile.high - tile.low)
-            volume, residuals = _corrected(values, own, volume, settings, floor, saturated, times, of_all)
+            volume, residuals = steps.corrected(values, own, volume, settings, floor, saturated, times, of_all)
             count = int(np.count_nonzero(own.seen))
             squares, equations = squares + np.square(residuals) * count, equations + count
-        parts.append(tile.own_rows(volume))
+        parts.append(steps.own_rows(tile, volume))
         measured.append((found.threshold, found.particle))
         listed += here
     together = SparseVolume.stacked(grid, parts) if len(parts) > 1 else parts[0]
@@ -111,10 +123,8 @@ def _corrected(
 ) -> tuple[SparseVolume, list[float]]:
     """MART on the listed voxels, and the residual of each iteration. Without a first guess they all start with the same
     light; ``values`` hold the volume's light so many ``times``, as of several cameras."""
-    lines_of_sight = settings.method == "mlos-mart"
-    if not lines_of_sight:
-        light = float(values.sum(dtype=np.float64)) / times
-        volume.values[:] = max(light, 1.0) / volume.column.size
+    if (light := even_light(values, settings, times)) is not None:
+        volume.values[:] = light / volume.column.size
     return mart(
         values,
         projection,
@@ -122,12 +132,27 @@ def _corrected(
         iterations=settings.iterations,
         relaxation=settings.relaxation,
         floor=floor,
-        thin=0.0 if lines_of_sight else THIN,
+        thin=thinning(settings),
         saturated=saturated,
         seed=settings.seed,
         overwrite=True,
         progress=progress,
     )
+
+
+HERE = Steps(find_candidates, Tile.listed, _corrected, Tile.own_rows)
+
+
+def even_light(values: NDArray[np.float32], settings: ReconstructionSettings, times: float) -> float | None:
+    """Counts that all candidates together start with, each as many; None where there is a first guess of each."""
+    if settings.method == "mlos-mart":
+        return None
+    return max(float(values.sum(dtype=np.float64)) / times, 1.0)
+
+
+def thinning(settings: ReconstructionSettings) -> float:
+    """``thin`` of ``mart``."""
+    return 0.0 if settings.method == "mlos-mart" else THIN
 
 
 def _no_candidates(settings: ReconstructionSettings, cameras: int, threshold: float, name: str) -> str:
