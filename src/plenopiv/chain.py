@@ -222,16 +222,15 @@ class Chain:
             levels = [camera.sensor.black_level for camera in self.cameras]
             behind = [light + np.float32(level) for light, level in zip(static, levels, strict=True)]
             background = self.projection.values_of(behind)
-        return reconstruct(
-            self.projection.values_of(images),
-            self.projection,
-            self.reconstruction,
-            counts_per_electron=self.counts_per_electron,
-            background=background,
-            tiles=self.tiles,
-            name=name,
-            progress=progress,
-        )
+        values = self.projection.values_of(images)
+        more: dict[str, Any] = {"counts_per_electron": self.counts_per_electron, "background": background}
+        more |= {"tiles": self.tiles, "name": name, "progress": progress}
+        if self.device.kind == "cpu":
+            return reconstruct(values, self.projection, self.reconstruction, **more)
+        with self.device.in_use():
+            from plenopiv.device.reconstruct import reconstruct as reconstruct_on_device
+
+            return reconstruct_on_device(values, self.projection, self.reconstruction, **more)
 
     def displacement(
         self, a: SparseVolume, b: SparseVolume, progress: CorrelationProgress | None = None

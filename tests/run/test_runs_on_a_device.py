@@ -54,6 +54,25 @@ def test_vectors_of_kept_volumes(upright, tmp_path, capsys):
     assert (out / "velocity.nc").read_bytes() == before
 
 
+def test_a_whole_run_and_the_usual_one(experiment, upright, capsys):
+    """From images to vectors: candidates, MART and correlation on the device."""
+    assert main(["run", str(experiment.path), "--device", "jax-cpu"]) == 0
+    told = capsys.readouterr().err
+    assert "device: this processor, JAX" in told
+    found, usual = (
+        read_velocity(folder / "velocity.nc") for folder in (experiment.output_directory, upright.directory)
+    )
+    apart = apart_voxels(found, usual, experiment)
+    assert (apart < 0.005).all(), apart
+    assert (found.valid.values == usual.valid.values).mean() > 0.99
+    one, other = (
+        json.loads((folder / "summary.json").read_text())["reconstruction"]["a.tif"]
+        for folder in (experiment.output_directory, upright.directory)
+    )
+    assert one["candidate_share"] == pytest.approx(other["candidate_share"], rel=1e-4)
+    np.testing.assert_allclose(one["residual_counts_by_round"], other["residual_counts_by_round"], rtol=1e-3)
+
+
 def test_ensembles_stay_on_this_processor(upright, tmp_path, capsys):
     command = ["correlate", str(upright.directory), "--out", str(tmp_path / "out"), "--ensemble", "--device", "jax-cpu"]
     assert main(command) == 2

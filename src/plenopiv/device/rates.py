@@ -91,7 +91,7 @@ def best(function: Callable[..., Any], *arguments: Any, times: int = 4) -> float
     processor, which others may use too, the time of its cores over their number."""
     import jax
 
-    device = jax.config.jax_default_device  # type: ignore[attr-defined]
+    device = jax.config.jax_default_device
     here, seconds = device.platform == "cpu", []
     clock = time.process_time if here else time.perf_counter
     for _ in range(times + 1):
