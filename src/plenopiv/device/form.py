@@ -15,6 +15,10 @@ class Form(Protocol):
     """What programs for a projection are compiled for; it is hashable. ``tables``: what it works with."""
 
     @property
+    def grid(self) -> tuple[int, int, int]:
+        """Planes, rows and columns of voxels; of a tile, some rows more than it has (``of_tile``)."""
+
+    @property
     def pixels(self) -> int:
         """Of each view, with those that are only there for the sake of shapes."""
 

@@ -45,15 +45,13 @@ def mart(
     voxel is. Arguments and residuals as of ``reconstruction.mart.mart``."""
     rng, total = np.random.default_rng(seed), frame.values.shape[0]
     listed, squares = _lit(volume), list[list[jax.Array]]()
-    for done in range(iterations):
-        power = min(relaxation * (2 if done == 0 else 1), 1.0)
-        together = min(TOGETHER, int(2 / power + 1e-6)) if power < 1 else 1
-        order, used, together = rng.permutation(total), 0, min(together, total)
+    for done, (power, together) in enumerate(exponents(iterations, relaxation, total)):
+        order, used = rng.permutation(total), 0
         squares.append([])
         while used < total:
             views = order[used : used + together]
             with jax.enable_x64(form.double):
-                volume, left = _correct(form, tables, frame, volume, *_padded(views, together), np.float32(power))
+                volume, left = correct_views(form, tables, frame, volume, *_padded(views, together), np.float32(power))
             squares[-1].append(left)
             before, used = used, used + views.size
             if used // THIN_EVERY > before // THIN_EVERY and done < max(iterations - 1, 1):
@@ -65,6 +63,13 @@ def mart(
     return volume, residuals
 
 
+def exponents(iterations: int, relaxation: float, views: int) -> list[tuple[float, int]]:
+    """Of each iteration the exponent, and how many of so many views correct the volume at once, as ``mart`` has
+    them."""
+    powers = [min(relaxation * (2 if done == 0 else 1), 1.0) for done in range(iterations)]
+    return [(power, min(TOGETHER, int(2 / power + 1e-6), views) if power < 1 else 1) for power in powers]
+
+
 def _padded(views: NDArray[np.int64], together: int) -> tuple[NDArray[np.int32], np.int32]:
     """So many views, the last ones of which are none where there are fewer; and how many there are."""
     out = np.zeros(together, np.int32)
@@ -73,7 +78,7 @@ def _padded(views: NDArray[np.int64], together: int) -> tuple[NDArray[np.int32],
 
 
 @partial(jax.jit, static_argnums=0, donate_argnums=3)
-def _correct(
+def correct_views(
     form: Form, tables: Any, frame: Frame, volume: jax.Array, views: jax.Array, count: jax.Array, power: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """The volume corrected by the first ``count`` of ``views`` at once, and the sum of squares of what was missing."""

@@ -166,8 +166,11 @@ class PlenopticOnDevice:
     q_half: NDArray[np.float64]
 
     @classmethod
-    def of(cls, host: PlenopticProjector) -> PlenopticOnDevice:
-        """Raises PlenoPIVError where its weights are of rays."""
+    def of(cls, host: PlenopticProjector, alike: bool = True) -> PlenopticOnDevice:
+        """``alike``: a tile has some rows of voxels more than it needs, so that tiles share programs.
+
+        Raises PlenoPIVError where its weights are of rays.
+        """
         mapped, where = host.images, host.layout
         if not isinstance(mapped, MappedViews):
             raise PlenoPIVError(
@@ -179,7 +182,9 @@ class PlenopticOnDevice:
         half = ((high - low) / 2).max(0, initial=0.0)
         forms, planes = zip(*buckets(mapped, half), strict=True)
         tables = PlenopticTables(lens_table(mapped, block, (low + high) / 2), planes)
-        return cls(host, PlenopticForm(host.grid.shape, block, forms), jax.tree.map(jnp.asarray, tables), half)
+        nz, ny, nx = host.grid.shape
+        rows = tile_rows(ny) if alike and host.is_tile else ny
+        return cls(host, PlenopticForm((nz, rows, nx), block, forms), jax.tree.map(jnp.asarray, tables), half)
 
     @cached_property
     def judges(self) -> Judges:
@@ -189,11 +194,22 @@ class PlenopticOnDevice:
     def candidates(self, most: NDArray[np.float32], particle: ArrayLike) -> jax.Array:
         """``PlenopticProjector.candidates``, (nz, ny, nx): 1 where a voxel may hold a particle, else 0."""
         about = self.form.lenses, self.tables.lenses, self.judges
-        return candidate_voxels(self.host, *about, most, float(np.max(particle))).astype(jnp.float32)
+        return self._with_rows(candidate_voxels(self.host, *about, most, float(np.max(particle))))
 
     def visible_voxels(self) -> jax.Array:
         """``PlenopticProjector.visible_voxels``, (nz, ny, nx): 1 where a voxel is seen, else 0."""
-        return visible_voxels(self.host.camera).astype(jnp.float32)
+        return self._with_rows(visible_voxels(self.host.camera))
+
+    def _with_rows(self, mask: jax.Array) -> jax.Array:
+        """A mask as a volume, with the rows that the form has more."""
+        more = self.form.grid[1] - mask.shape[1]
+        return jnp.pad(mask.astype(jnp.float32), ((0, 0), (0, more), (0, 0)))
+
+
+def tile_rows(rows: int) -> int:
+    """As many rows or some more, an eighth at the most, so that tiles of nearly as many have the same number."""
+    step = 1 << max(rows.bit_length() - 4, 0)
+    return -(-rows // step) * step
 
 
 def ranges_of_q(mapped: MappedViews) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

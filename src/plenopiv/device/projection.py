@@ -78,9 +78,10 @@ def gather(device: OnDevice, views: ArrayLike, images: NDArray[np.float32]) -> N
     """``Projection.gather`` for every voxel, (nz, ny, nx), of ``images`` (views, pixels)."""
     numbers = np.atleast_1d(views).astype(np.int32)
     seen = device.form.padded(np.where(device.host.seen[numbers], images, np.float32(0)), numbers)
-    dark = jnp.zeros(device.host.grid.shape, jnp.float32)
+    dark = jnp.zeros(device.form.grid, jnp.float32)
     with jax.enable_x64(device.form.double):
-        return np.asarray(_back(device.form, device.tables, numbers, seen, dark))
+        found = np.asarray(_back(device.form, device.tables, numbers, seen, dark))
+    return found[:, : device.host.grid.shape[1]]
 
 
 @partial(jax.jit, static_argnums=0)

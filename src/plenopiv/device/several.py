@@ -23,8 +23,10 @@ from plenopiv.projection.several_cameras import SeveralCameras
 
 @dataclass(frozen=True)
 class SeveralForm:
-    """What programs for several cameras are compiled for: each camera's, its pose, and its number of views."""
+    """What programs for several cameras are compiled for: the object's ``grid``; each camera's form, its pose, and its
+    number of views."""
 
+    grid: tuple[int, int, int]
     forms: tuple[PlenopticForm, ...]
     poses: tuple[Pose, ...]
     views: tuple[int, ...]
@@ -104,13 +106,13 @@ class SeveralOnDevice:
     @classmethod
     def of(cls, host: SeveralCameras) -> SeveralOnDevice:
         """Raises PlenoPIVError where a camera's weights are of rays."""
-        return cls(host, tuple(PlenopticOnDevice.of(projector) for projector in host.projectors))
+        return cls(host, tuple(PlenopticOnDevice.of(projector, alike=False) for projector in host.projectors))
 
     @cached_property
     def form(self) -> SeveralForm:
         """What programs are compiled for."""
         views = tuple(projector.views for projector in self.host.projectors)
-        return SeveralForm(tuple(one.form for one in self.each), self.host.poses, views)
+        return SeveralForm(self.host.grid.shape, tuple(one.form for one in self.each), self.host.poses, views)
 
     @property
     def tables(self) -> tuple[PlenopticTables, ...]:

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from plenopiv.volume import SparseVolume, VoxelGrid
 
-TOGETHER = 1 << 28  # voxels listed at once: their numbers are 32-bit
+TOGETHER = 1 << 24  # voxels listed at once
 LEAST = 1 << 12  # voxels of a list: lists are made as long as powers of two, so that they share programs
 
 
 @dataclass(frozen=True)
 class DeviceVolume:
-    """Intensity of every voxel on the device, float32 (nz, ny, nx), 0 where none is listed."""
+    """Intensity of every voxel on the device, float32 (nz, ny, nx), 0 where none is listed; and maybe of some rows
+    more, which are 0."""
 
     grid: VoxelGrid
     values: jax.Array

@@ -157,6 +157,11 @@ class PlenopticProjector:
         part._equations = part._rays_within(0 if low else -np.inf, high - low if high < rows else np.inf)
         return part
 
+    @property
+    def is_tile(self) -> bool:
+        """Whether it is a ``tile`` of another."""
+        return self._equations is not None
+
     def whole(self) -> PlenopticProjector:
         """The same, were all pixels usable."""
         return PlenopticProjector(self.layout.whole(), self.grid, self.weights, self.across, self.camera.shifts)
