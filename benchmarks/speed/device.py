@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from device_frames import SIZES, frame
 from scipy.ndimage import gaussian_filter
 
 from plenopiv.device import work
@@ -44,9 +45,12 @@ def main() -> None:
         print(device.text)
         rates = bare(device)
         found = [size(shape) for shape in SHAPES[device.kind]]
-    shares = {name: share(rates, stage) for name, stage in found[FITTED]["stages"].items()}
+        frames = [frame(shape) for shape in SIZES[device.kind]]
+    shares = {}
+    for sizes in (found, frames):
+        shares |= {name: share(rates, stage) for name, stage in sizes[FITTED]["stages"].items()}
     fitted = replace(rates, shares=shares)
-    for each in found:
+    for each in [*found, *frames]:
         for name, stage in each["stages"].items():
             stage["predicted_s"] = fitted.of_stage(name, work_of(stage))
             stage["share_of_bandwidth"] = stage["moved"] / rates.bandwidth / stage["seconds"]
@@ -57,7 +61,8 @@ def main() -> None:
         "rates": {key: value for key, value in vars(rates).items() if key != "shares"},
         "shares": shares,
         "settings": {"windows": SETTINGS.windows, "inner_window": SETTINGS.inner_window},
-        "sizes": found,
+        "pairs": found,
+        "frames": frames,
     }
     (HERE / f"device-{device.kind}.json").write_text(json.dumps(result, indent=1) + "\n")
     tell(result)
@@ -143,8 +148,9 @@ def share(rates: Rates, stage: Mapping[str, float]) -> float:
 def tell(result: Mapping[str, Any]) -> None:
     rates = result["rates"]
     print(f"{rates['bandwidth'] / 1e9:.1f} GB/s, {rates['operations'] / 1e9:.0f} Gop/s, {rates['call_s'] * 1e6:.0f} us")
-    for each in result["sizes"]:
-        print(" x ".join(map(str, each["shape"])), f"  whole {each['whole_s']:.2f} s")
+    for each in [*result["pairs"], *result["frames"]]:
+        whole = f"  whole {each['whole_s']:.2f} s" if "whole_s" in each else ""
+        print(" x ".join(map(str, each["shape"])) + whole)
         for name, stage in each["stages"].items():
             ratio, of_bandwidth = stage["predicted_s"] / stage["seconds"], 100 * stage["share_of_bandwidth"]
             print(

@@ -65,10 +65,10 @@ def test_one_size_tells_the_times_of_others():
     """Measured on the processor: shares fitted to the middle of three sizes predict each stage of the others, less than
     half and more than twice as large, and the whole within 30 %."""
     rates = Rates(**MEASURED["rates"], shares=MEASURED["shares"])
-    voxels = [int(np.prod(size["shape"])) for size in MEASURED["sizes"]]
+    voxels = [int(np.prod(size["shape"])) for size in MEASURED["pairs"]]
     assert voxels[1] > 2 * voxels[0]
     assert voxels[2] > 2 * voxels[1]
-    for size in MEASURED["sizes"]:
+    for size in MEASURED["pairs"]:
         counted = work.correlation(tuple(size["shape"]), CorrelationSettings(**MEASURED["settings"]), size["voxels"])
         predicted = rates.seconds(counted)
         for name, stage in size["stages"].items():

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal
@@ -52,6 +52,12 @@ class Device:
             return "this processor"
         lends = "" if self.memory is None else f", {self.memory / 1e9:.2f} GB"
         return f"{self.name}{lends}, JAX {dict(self.versions)['jax']}"
+
+    def shared_by(self, processes: int | None) -> Device:
+        """The part of one of several processes on this machine."""
+        if not processes or self.memory is None:
+            return self
+        return replace(self, memory=self.memory / processes)
 
     @contextmanager
     def in_use(self) -> Iterator[None]:

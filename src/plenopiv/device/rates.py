@@ -11,14 +11,23 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 from plenopiv.device.backend import Device
 from plenopiv.device.work import Work
 
 USUAL = 0.5  # share of bandwidth and rate
-ASSUMED = {"deformation": 0.25, "offset": 0.25}
-FITTED = {"deformation": 0.45, "windows": 2.1, "last windows": 2.3, "offset": 1.5}  # its caches hold a batch
+ASSUMED = {"deformation": 0.25, "offset": 0.25, "images": 0.25, "back": 0.25, "candidates": 0.25}
+FITTED = {  # the caches of this processor hold a batch, and a map
+    "deformation": 0.42,
+    "windows": 2.0,
+    "last windows": 2.2,
+    "offset": 1.4,
+    "images": 1.1,
+    "back": 2.4,
+    "candidates": 0.35,
+}
 
 
 @dataclass(frozen=True)
@@ -52,14 +61,10 @@ CARDS = (
 )
 
 
-def rates_of(device: Device) -> Rates:
-    """Of a device that JAX computes on, tried in a second or two. Shares of a graphics processor are assumed."""
-    with device.in_use():
-        return bare(device)
-
-
+@cache
 def bare(device: Device) -> Rates:
-    """What the device in use does at its best: copies, products, sends from this machine's memory, starts a program."""
+    """What the device in use does at its best: copies, products, sends from this machine's memory, starts a program.
+    Tried once in a process, in a second or two."""
     import jax
     import jax.numpy as jnp
     import numpy as np

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numba
 
 from plenopiv.chain import Chain
-from plenopiv.device.correlation_memory import room
-from plenopiv.reconstruction.tiles import cut
+from plenopiv.reconstruction.tiles import Tile, cut
 from plenopiv.run import duration, memory
 from plenopiv.run.duration import TimeEstimate
 from plenopiv.run.memory import MemoryEstimate
@@ -17,6 +16,7 @@ from plenopiv.run.memory import MemoryEstimate
 log = logging.getLogger("plenopiv")
 READ = 0.1  # s, a volume of half a million voxels
 START = 5.0  # s, calibration, libraries, report without frames
+COMPILED = 30.0  # s, a device's programs, where none is kept
 
 
 @dataclass(frozen=True)
@@ -43,18 +43,13 @@ def plan_between_volumes(chain: Chain) -> Plan:
         needed = replace(needed, light_field=0.0)
     pair = duration.correlation_s(chain.grid, chain.correlation.passes) / threads
     volume = READ + duration.resampling_s(chain.grid, chain.lens_grid) / threads  # in an ensemble more than once a pair
-    return Plan(chain, needed, TimeEstimate(volume, pair, START), correlation_on_device(chain))
-
-
-def correlation_on_device(chain: Chain) -> float:
-    """Bytes of its device's memory that the chain's correlation takes; 0 where this processor correlates.
-
-    Raises:
-        PlenoPIVError: it has fewer than the planes of one layer of windows take.
-    """
+    takes = TimeEstimate(volume, pair, START)
     if chain.device.kind == "cpu":
-        return 0.0
-    return room(chain.grid.shape, chain.correlation, chain.device.memory).needed
+        return Plan(chain, needed, takes)
+    from plenopiv.device.plan import pair_of  # here: it needs JAX
+
+    on_device = pair_of(chain.grid, chain.correlation, chain.device)
+    return Plan(chain, needed, replace(takes, pair=on_device.seconds, start=START + COMPILED), on_device.bytes)
 
 
 def plan(chain: Chain, memory_gb: float | None = None) -> Plan:
@@ -73,4 +68,22 @@ def plan(chain: Chain, memory_gb: float | None = None) -> Plan:
         needed = needed.in_tiles(largest / rows)
     takes = duration.of_settings(*settings, numba.get_num_threads(), chain.lens_grid)
     takes = replace(takes, frame=takes.frame * sum(tile.high - tile.low for tile in tiles) / rows)
-    return Plan(chain.with_tiles(tiles), needed, takes, correlation_on_device(chain))
+    planned = Plan(chain.with_tiles(tiles), needed, takes)
+    return planned if chain.device.kind == "cpu" else _on_device(planned, tiles)
+
+
+def _on_device(planned: Plan, tiles: list[Tile]) -> Plan:
+    """The same where a device computes: in more ``tiles`` if its memory asks for them.
+
+    Raises:
+        PlenoPIVError: no tiles suffice.
+    """
+    from plenopiv.device.plan import frame_of, pair_of
+
+    chain, takes = planned.chain, planned.takes
+    pair = pair_of(chain.grid, chain.correlation, chain.device)
+    tiles, frame = frame_of(chain.projection, chain.reconstruction, chain.device, tiles)
+    if len(tiles) > planned.tiles:
+        log.info("the device's memory takes the volume in %d tiles", len(tiles))
+    takes = replace(takes, frame=frame.seconds or takes.frame, pair=pair.seconds, start=takes.start + COMPILED)
+    return Plan(chain.with_tiles(tiles), planned.needed, takes, max(frame.bytes, pair.bytes))

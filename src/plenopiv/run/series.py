@@ -123,7 +123,7 @@ def run(
             lattice = judgement.lattice
             chain, recording, calibration = calibrated_chain(experiment, recording, lattice, stage, space, target)
         _tell_static_light(calibration)
-        chain = chain.on_device(computing)
+        chain = chain.on_device(computing.shared_by(pool.workers.count if pool else None))
         planned, share = (plan(chain, memory_gb), None) if pool is None else shared_plan(chain, memory_gb, pool.workers)
         inputs = with_calibration(inputs, chain, recording) | {"tiles": planned.tiles}  # these give other bits
         folder.settle(inputs)

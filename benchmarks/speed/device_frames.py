@@ -1,0 +1,52 @@
+"""Stages of a frame's reconstruction on a device, measured; for device.py.
+
+The paper's PMR 14 camera before volumes of three sizes. One group of views, as MART takes them, forward and back, and
+all of dense ray tracing.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from scene import DEPTH_MM, LATERAL_MM, Scene
+
+from plenopiv.device.mart import exponents
+from plenopiv.device.plan import frame_work, one_group
+from plenopiv.device.projection import _back, _forward, on_device
+from plenopiv.device.rates import best
+from plenopiv.reconstruction.candidates import judgement
+from plenopiv.reconstruction.noise import noise_of
+from plenopiv.reconstruction.settings import ReconstructionSettings
+
+SIZES = {
+    "jax-cpu": ((140, 104, 60), (180, 136, 80), (230, 176, 104)),  # voxels along x, y, z
+    "gpu": ((400, 300, 100), (800, 600, 160), (1600, 1200, 240)),
+}
+SETTINGS = ReconstructionSettings()
+
+
+def frame(size: tuple[int, int, int]) -> dict[str, Any]:
+    """Measure each stage of a frame of a volume of ``size``."""
+    scene = Scene(size, (LATERAL_MM, LATERAL_MM, DEPTH_MM))
+    projector = scene.projector
+    device, values = on_device(projector), scene.lightfield.values
+    (_, together), *_ = exponents(SETTINGS.iterations, SETTINGS.relaxation, projector.views)[-1:]
+    views = np.random.default_rng(0).permutation(projector.views)[:together].astype(np.int32)
+    volume = jnp.full(projector.grid.shape, 0.1, jnp.float32)
+    images = jnp.asarray(device.form.padded(values[views], views))
+
+    def back() -> Any:
+        return _back(device.form, device.tables, views, images, jnp.zeros(projector.grid.shape, jnp.float32))
+
+    noise = noise_of(values, projector.seen, 0.5, None)
+    most, lights, _, _ = judgement(values, projector, SETTINGS, [noise], "frame")
+    seconds = {
+        "images": best(_forward, device.form, device.tables, views, volume),
+        "back": best(back),
+        "candidates": best(lambda: device.candidates(most, lights), times=2),
+    }
+    counted = one_group(frame_work(projector, SETTINGS))
+    stages = {name: {"seconds": seconds[name], **vars(stage)} for name, stage in counted.items()}
+    return {"shape": list(projector.grid.shape), "views": projector.views, "stages": stages}
