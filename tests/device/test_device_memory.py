@@ -17,6 +17,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 SETTINGS = ReconstructionSettings(relaxation=1.0)  # one view at a time: one program
 
 
+@pytest.mark.full
 def test_a_volume_is_held_once_and_a_frame_beside_it():
     """Deep, so that a plane's maps are little beside the volume; what tiles take is less."""
     where = layout(small_camera("square", pmr=8, microlenses=(9, 19)))
