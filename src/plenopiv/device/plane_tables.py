@@ -7,29 +7,32 @@ a unit is its weight in the points of the a-th unit after it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import ceil, cos, floor, sin
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.projection.plenoptic.geometry import CameraOnGrid, Plane, column_of
-from plenopiv.projection.plenoptic.plane_maps.maps import PlaneMaps
+from plenopiv.projection.plenoptic.geometry import CameraOnGrid, column_of
+from plenopiv.projection.plenoptic.plane_maps.maps import PlaneGroups, PlaneMaps
 from plenopiv.projection.plenoptic.plane_maps.views import MappedViews
 from plenopiv.projection.plenoptic.plane_maps.voxel_rows import LINE_COST
 
 EXACT = 1e-5  # of the largest singular value: outer products of planes whose weights are not left out
+STEPS = "voxel_s", "step_x", "voxel_t", "step_y"  # of ``geometry.Plane``
 MARGIN = 0.02  # microlenses: rounding of a point's place among them
 SPLIT = 24  # planes of a bucket that may be cut in two for the sake of ranks and windows, at least
 GAIN = 0.8  # of the work, that a bucket cut in two may at most take to be worth another program
 
 
 class Bucket(NamedTuple):
-    """What the program for a bucket is compiled for: its number of ``planes``, ``points`` to a voxel and ``voxels`` to
-    a point along an axis, outer products (``ranks``), taps and microlenses that may light a point, both along y and
-    x."""
+    """What the program for a bucket is compiled for: its number of ``planes``, or of groups of planes that share a map,
+    and of ``members`` of a group; ``points`` to a voxel and ``voxels`` to a point along an axis; outer products
+    (``ranks``); taps, and microlenses that may light a point, both along y and x."""
 
     planes: int
+    members: int
     points: int
     voxels: int
     ranks: int
@@ -38,20 +41,21 @@ class Bucket(NamedTuple):
 
 
 class PlaneTable(NamedTuple):
-    """Of the planes of a bucket, (planes, ...) each.
+    """Of the groups of a bucket, (groups, ...) each; a plane by itself is a group of one.
 
-    ``number``: of the plane in the volume. ``down`` and ``across`` (ranks, voxels, taps, points): its weights along y
-    and x. ``place`` (6,): point of lens (0, 0) at q = 0, and points per mm of s or t and per px of q, of x, then of y;
-    a map's first point is number 1. ``off``: A less that of the first plane of all. ``spread``: A. ``light``: share of
-    a voxel's light that a wholly lit pixel collects. ``reach`` (2,): half the window of microlenses about a point, in
-    rows, and in microlenses along them."""
+    Of each member, (groups, members, ...): ``number`` of the plane in the volume; whether it is ``real``, or there for
+    the sake of shapes and dark; ``down`` and ``across`` (ranks, voxels, taps, points), its weights along y and x. Of
+    the plane that the group is taken to lie in: ``place`` (6,), point of lens (0, 0) at q = 0, and points per mm of s
+    or t and per px of q, of x, then of y; a map's first point is number 1. ``off``: A less that of the first plane of
+    all. ``light``: share of a voxel's light that a wholly lit pixel collects. ``reach`` (2,): half the window of
+    microlenses about a point, in rows, and in microlenses along them."""
 
     number: NDArray[np.int32]
+    real: NDArray[np.bool_]
     down: NDArray[np.float32]
     across: NDArray[np.float32]
     place: NDArray[np.float32]
     off: NDArray[np.float32]
-    spread: NDArray[np.float32]
     light: NDArray[np.float32]
     reach: NDArray[np.float32]
 
@@ -63,24 +67,36 @@ class Taps(NamedTuple):
     across: NDArray[np.float64]
 
 
-def buckets(mapped: MappedViews, q_half: NDArray[np.float64]) -> list[tuple[Bucket, PlaneTable]]:
-    """The buckets of all planes. ``q_half`` (2,): half of what q of one view's pixels ranges over, along x and y, px,
-    at the most."""
+def buckets(
+    mapped: MappedViews, variants: Sequence[PlaneGroups], q_half: NDArray[np.float64]
+) -> list[tuple[Bucket, PlaneTable]]:
+    """The buckets of all planes, in groups; and the table of each for every one of ``variants`` of the groups, which
+    share programs, (variants, groups, ...). ``q_half`` (2,): half of what q of one view's pixels ranges over, along x
+    and y, px, at the most."""
     shape, nx = mapped.maps.shape, mapped.grid.shape[2]
     weights = [taps_of(mapped.maps, k, nx) for k in range(len(shape))]
     reach = window_reach(mapped, q_half)
-    groups: dict[tuple[int, int], list[int]] = {}
+    alike: dict[tuple[int, int], list[int]] = {}
     for k, (_, _, _, _, points, shift) in enumerate(shape.tolist()):
-        groups.setdefault((points, 1 << shift), []).append(k)
+        alike.setdefault((points, 1 << shift), []).append(k)
     found = []
-    for (points, voxels), numbers in groups.items():
-        for part in _split(numbers, weights, reach):
-            planes = np.sort(part)
-            down, across = (_padded([weights[k][axis] for k in planes]) for axis in (0, 1))
-            rows, along = (floor(2 * most) + 1 for most in reach[planes].max(0))
-            taps = down.shape[3], across.shape[3]
-            form = Bucket(planes.size, points, voxels, down.shape[1], taps, (rows, along))
-            found.append((form, _table(mapped, planes, down, across, reach)))
+    for (points, voxels), planes in alike.items():
+        for part in _split(planes, weights, reach):
+            groups = [np.flatnonzero(np.isin(each.first[:-1], part)) for each in variants]
+            members = [
+                [np.arange(*each.first[g : g + 2]) for g in own] for each, own in zip(variants, groups, strict=True)
+            ]
+            every = [group for own in members for group in own]
+            met = np.unique(np.concatenate(every)) if every else np.array(part)
+            ranks, taps_y, taps_x = (max(weights[k][a].shape[n] for k in met) for a, n in ((0, 0), (0, 2), (1, 2)))
+            rows, along = (floor(2 * most) + 1 for most in reach[met].max(0))
+            count, most = max(map(len, members)), max((len(group) for group in every), default=1)
+            form = Bucket(count, most, points, voxels, ranks, (taps_y, taps_x), (rows, along))
+            tables = [
+                _table(mapped, form, each.table[own], group, weights, reach)
+                for each, own, group in zip(variants, groups, members, strict=True)
+            ]
+            found.append((form, PlaneTable(*(np.stack(parts) for parts in zip(*tables, strict=True)))))
     return found
 
 
@@ -113,15 +129,6 @@ def _taps(weights: NDArray[np.float64], voxels: int, points: int) -> NDArray[np.
     return out.reshape(len(weights), voxels, taps, points)
 
 
-def _padded(parts: list[NDArray[np.float64]]) -> NDArray[np.float32]:
-    """Stacked; ranks and taps that a plane has not are 0."""
-    ranks, taps = max(p.shape[0] for p in parts), max(p.shape[2] for p in parts)
-    out = np.zeros((len(parts), ranks, parts[0].shape[1], taps, parts[0].shape[3]), np.float32)
-    for of_plane, p in zip(out, parts, strict=True):
-        of_plane[: p.shape[0], :, : p.shape[2]] = p
-    return out
-
-
 def window_reach(mapped: MappedViews, q_half: NDArray[np.float64]) -> NDArray[np.float64]:
     """Half the window of microlenses that may light a point of a plane's map, (nz, 2): rows of them, and microlenses
     along the rows. A microlens does so if its place is less than a step from the point, along x and y."""
@@ -150,30 +157,42 @@ def irregularity(camera: CameraOnGrid) -> float:
 
 def _points_per(mapped: MappedViews) -> NDArray[np.float64]:
     """Points of each plane's map per mm of s, px of q along x, mm of t and px of q along y, (nz, 4)."""
-    shape = mapped.maps.shape
-    points = (shape[:, 4] / 2.0 ** shape[:, 5])[:, None]
-    return points * column_of(mapped.planes, "voxel_s", "step_x", "voxel_t", "step_y").astype(np.float64)
+    return _voxel_points(mapped)[:, None] * column_of(mapped.planes, *STEPS).astype(np.float64)
+
+
+def _voxel_points(mapped: MappedViews) -> NDArray[np.float64]:
+    """Points to a voxel along an axis of each plane's map, (nz,)."""
+    return mapped.maps.shape[:, 4] / 2.0 ** mapped.maps.shape[:, 5]
 
 
 def _table(
     mapped: MappedViews,
-    planes: NDArray[np.int64],
-    down: NDArray[np.float32],
-    across: NDArray[np.float32],
+    form: Bucket,
+    constants: NDArray[np.float32],
+    groups: list[NDArray[np.int64]],
+    weights: list[Taps],
     reach: NDArray[np.float64],
 ) -> PlaneTable:
-    """The table of some planes."""
-    shape, constants = mapped.maps.shape[planes], mapped.planes[planes]
-    points = (shape[:, 4] / 2.0 ** shape[:, 5])[:, None]
-    first = mapped.maps.border[planes] - 1 - points * np.array([mapped.cam.x0, mapped.cam.y0], np.float64)
-    steps = _points_per(mapped)[planes]
-    place = np.concatenate([first[:, :1], steps[:, :2], first[:, 1:], steps[:, 2:]], 1)
-    spread, light = (constants[:, Plane._fields.index(name)] for name in ("spread", "light"))
-    off = spread - column_of(mapped.planes, "spread")[0]
-    to = np.float32
-    return PlaneTable(
-        planes.astype(np.int32), down, across, place.astype(to), off, spread, light, reach[planes].astype(to)
-    )
+    """The table of some groups of planes, taken to lie where ``constants`` (groups, 14) say; with groups of none at the
+    end, as many as ``form`` has more."""
+    number = np.zeros((form.planes, form.members), np.int32)
+    real, place = np.zeros(number.shape, bool), np.ones((form.planes, 6))
+    down, across = (np.zeros((*number.shape, form.ranks, form.voxels, taps, form.points)) for taps in form.taps)
+    off, light, about = np.zeros(form.planes), np.zeros(form.planes), np.zeros((form.planes, 2))
+    spread = column_of(mapped.planes, "spread")[0]
+    for g, (group, plane) in enumerate(zip(groups, constants, strict=True)):
+        for m, k in enumerate(group):
+            number[g, m], real[g, m] = k, True
+            for out, taps in zip((down, across), weights[k][:2], strict=True):
+                out[g, m, : taps.shape[0], :, : taps.shape[2]] = taps
+        points = _voxel_points(mapped)[group[0]]
+        first = mapped.maps.border[group[0]] - 1 - points * np.array([mapped.cam.x0, mapped.cam.y0], np.float64)
+        s, x, t, y = points * column_of(plane[None], *STEPS)[0].astype(np.float64)
+        place[g] = first[0], s, x, first[1], t, y
+        off[g], light[g] = column_of(plane[None], "spread")[0] - spread, column_of(plane[None], "light")[0]
+        about[g] = reach[group].max(0)
+    numbers = (each.astype(np.float32) for each in (down, across, place, off, light, about))
+    return PlaneTable(number, real, *numbers)
 
 
 def _split(planes: list[int], weights: list[Taps], reach: NDArray[np.float64]) -> list[list[int]]:
@@ -181,7 +200,10 @@ def _split(planes: list[int], weights: list[Taps], reach: NDArray[np.float64]) -
     if len(planes) < SPLIT:
         return [planes]
     cuts = []
-    for order in (sorted(planes, key=lambda k: len(weights[k].down)), sorted(planes, key=lambda k: tuple(reach[k]))):
+    orders = [sorted(planes, key=lambda k: tuple(reach[k]))]
+    if weights[planes[0]].down.shape[1] == 1:  # else neighbours may share a map
+        orders.append(sorted(planes, key=lambda k: len(weights[k].down)))
+    for order in orders:
         for at in range(1, len(order)):
             parts = order[:at], order[at:]
             cuts.append((sum(_work(part, weights, reach) for part in parts), parts))

@@ -7,12 +7,13 @@ a point only if S is within (1 + |b| times half the range of q)/|a| of where the
 few microlenses. The places themselves are those that forward reads at. No two sums meet in one place, so that nothing
 waits for anything, and nothing depends on the order in which threads arrive.
 
-Each view of a group is read off the same map, and written into the same, as in ``plane_maps``; planes are never joined
-in twos.
+Each view of a group is read off the same map, and written into the same, and planes far from focus share maps in twos
+where several views come at once, as in ``plane_maps``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -34,20 +35,23 @@ from plenopiv.projection.plenoptic.projector import PlenopticProjector
 
 
 class PlenopticTables(NamedTuple):
-    """What a ``PlenopticForm`` works with, on the device."""
+    """What a ``PlenopticForm`` works with, on the device. Of the planes, (1, ...) each plane by itself, and (2, ...) in
+    twos, the one way and the other (``MappedViews.pairs``)."""
 
     lenses: LensTable
     planes: tuple[PlaneTable, ...]
+    twos: tuple[PlaneTable, ...]
 
 
 @dataclass(frozen=True)
 class PlenopticForm:
-    """What programs for a camera and a grid are compiled for. Views are (view, lens) float32, lenses with their
-    ring."""
+    """What programs for a camera and a grid are compiled for: ``buckets`` of planes by themselves, and in ``twos``.
+    Views are (view, lens) float32, lenses with their ring."""
 
     grid: tuple[int, int, int]
     lenses: LensBlock
     buckets: tuple[Bucket, ...]
+    twos: tuple[Bucket, ...]
 
     @property
     def pixels(self) -> int:
@@ -73,13 +77,15 @@ class PlenopticForm:
         """The light of ``volume`` (nz, ny, nx) in ``views``, (views, lens), whether or not a pixel is an equation."""
         pixels = pixels_of(tables.lenses, views)
         light = jnp.zeros((views.size, self.lenses.size), jnp.float32)
-        for bucket, planes in zip(self.buckets, tables.planes, strict=True):
+        for bucket, planes in self._groups(tables, views):
 
-            def add(light: jax.Array, plane: PlaneTable, bucket: Bucket = bucket) -> tuple[jax.Array, None]:
-                values = lax.dynamic_index_in_dim(volume, plane.number, keepdims=False)
-                spread_out = lax.optimization_barrier(spread(bucket, values, plane.down, plane.across))
-                x, y, lit = _places(plane, pixels)
-                return light + plane.light * lit * _read(spread_out, x, y), None
+            def add(light: jax.Array, group: PlaneTable, bucket: Bucket = bucket) -> tuple[jax.Array, None]:
+                shared = sum(
+                    spread(bucket, lax.dynamic_index_in_dim(volume, group.number[m], keepdims=False), *weights)
+                    for m, weights in enumerate(zip(group.down, group.across, strict=True))
+                )
+                x, y, lit = _places(group, pixels)
+                return light + group.light * lit * _read(lax.optimization_barrier(shared), x, y), None
 
             light, _ = lax.scan(add, light, planes)
         return light
@@ -90,16 +96,27 @@ class PlenopticForm:
         """``volume`` with each plane (ny, nx) replaced by ``update(plane, total)``: of each voxel the sum of ``images``
         (views, lens) over the pixels that it lights, by weights, but for the planes' ``light``."""
         pixels = pixels_of(tables.lenses, views)
-        for bucket, planes in zip(self.buckets, tables.planes, strict=True):
+        for bucket, planes in self._groups(tables, views):
 
-            def add(volume: jax.Array, plane: PlaneTable, bucket: Bucket = bucket) -> tuple[jax.Array, None]:
-                light = self._written(bucket, plane, tables.lenses, pixels, images)
-                total = collect(bucket, light, plane.down, plane.across, self.grid[1:])
-                before = lax.dynamic_index_in_dim(volume, plane.number, keepdims=False)
-                return lax.dynamic_update_index_in_dim(volume, update(before, total), plane.number, 0), None
+            def add(volume: jax.Array, group: PlaneTable, bucket: Bucket = bucket) -> tuple[jax.Array, None]:
+                light = self._written(bucket, group, tables.lenses, pixels, images)
+                for m in range(bucket.members):
+                    total = collect(bucket, light, group.down[m], group.across[m], self.grid[1:])
+                    before = lax.dynamic_index_in_dim(volume, group.number[m], keepdims=False)
+                    after = jnp.where(group.real[m], update(before, total), before)
+                    volume = lax.dynamic_update_index_in_dim(volume, after, group.number[m], 0)
+                return volume, None
 
             volume, _ = lax.scan(add, volume, planes)
         return volume
+
+    def _groups(self, tables: PlenopticTables, views: jax.Array) -> Iterator[tuple[Bucket, PlaneTable]]:
+        """The buckets for so many views, and their tables: in twos, either way, where there are several."""
+        several = views.size > 1
+        way = views[0] % 2 if several else 0
+        tables_of = tables.twos if several else tables.planes
+        for bucket, planes in zip(self.twos if several else self.buckets, tables_of, strict=True):
+            yield bucket, PlaneTable(*(each[way] for each in planes))
 
     def _written(
         self, bucket: Bucket, plane: PlaneTable, lenses: LensTable, pixels: Pixels, images: jax.Array
@@ -180,11 +197,12 @@ class PlenopticOnDevice:
         block = LensBlock(where.ni, where.nj, where.camera.lattice.kind == "hexagonal")
         low, high = ranges_of_q(mapped)
         half = ((high - low) / 2).max(0, initial=0.0)
-        forms, planes = zip(*buckets(mapped, half), strict=True)
-        tables = PlenopticTables(lens_table(mapped, block, (low + high) / 2), planes)
+        forms, planes = zip(*buckets(mapped, [mapped.singles], half), strict=True)
+        twos, planes_in_twos = zip(*buckets(mapped, mapped.pairs, half), strict=True)
+        tables = PlenopticTables(lens_table(mapped, block, (low + high) / 2), planes, planes_in_twos)
         nz, ny, nx = host.grid.shape
         rows = tile_rows(ny) if alike and host.is_tile else ny
-        return cls(host, PlenopticForm((nz, rows, nx), block, forms), jax.tree.map(jnp.asarray, tables), half)
+        return cls(host, PlenopticForm((nz, rows, nx), block, forms, twos), jax.tree.map(jnp.asarray, tables), half)
 
     @cached_property
     def judges(self) -> Judges:

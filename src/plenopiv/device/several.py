@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +20,15 @@ from plenopiv.cameras.pose import Pose
 from plenopiv.device.form import Update
 from plenopiv.device.plenoptic import PlenopticForm, PlenopticOnDevice, PlenopticTables
 from plenopiv.projection.several_cameras import SeveralCameras
+
+
+class _Own(NamedTuple):
+    """Views of a group as one camera sees them, its own first: which are its own (``mine``), their numbers there, 0 for
+    those of others, and where in the group they are (``order``)."""
+
+    mine: jax.Array
+    numbers: jax.Array
+    order: jax.Array
 
 
 @dataclass(frozen=True)
@@ -65,9 +75,9 @@ class SeveralForm:
     def forward(self, tables: tuple[PlenopticTables, ...], views: jax.Array, volume: jax.Array) -> jax.Array:
         """The volume's light in several views, (views, pixels)."""
         images = jnp.zeros((views.size, self.pixels), jnp.float32)
-        for form, pose, of_camera, (mine, own) in zip(self.forms, self.poses, tables, self._own(views), strict=True):
-            light = form.forward(of_camera, own, turned(volume, pose))
-            images = images.at[:, : form.pixels].set(jnp.where(mine[:, None], light, images[:, : form.pixels]))
+        for form, pose, of_camera, own in zip(self.forms, self.poses, tables, self._own(views), strict=True):
+            light = jnp.where(own.mine[:, None], form.forward(of_camera, own.numbers, turned(volume, pose)), 0.0)
+            images = images.at[own.order, : form.pixels].add(light, unique_indices=True)
         return images
 
     def back(
@@ -80,18 +90,20 @@ class SeveralForm:
     ) -> jax.Array:
         """``volume`` with its voxels replaced by ``update(voxels, total)`` (``Form``)."""
         total = jnp.zeros_like(volume)
-        for form, pose, of_camera, (mine, own) in zip(self.forms, self.poses, tables, self._own(views), strict=True):
-            light = jnp.where(mine[:, None], images[:, : form.pixels], 0.0)
-            found = form.back(of_camera, own, light, jnp.zeros(form.grid, jnp.float32), lambda _, sums: sums)
+        for form, pose, of_camera, own in zip(self.forms, self.poses, tables, self._own(views), strict=True):
+            light = jnp.where(own.mine[:, None], images[own.order, : form.pixels], 0.0)
+            found = form.back(of_camera, own.numbers, light, jnp.zeros(form.grid, jnp.float32), lambda _, sums: sums)
             total = total + turned(found, pose.inverse())
         return update(volume, total)
 
-    def _own(self, views: jax.Array) -> list[tuple[jax.Array, jax.Array]]:
-        """Of each camera: which views are its own, and their numbers there, 0 for those of others."""
+    def _own(self, views: jax.Array) -> list[_Own]:
+        """The views of each camera."""
         out, first = [], 0
         for count in self.views:
-            mine = (views >= first) & (views < first + count)
-            out.append((mine, jnp.where(mine, views - first, 0)))
+            order = jnp.argsort((views < first) | (views >= first + count), stable=True)
+            numbers = views[order] - first
+            mine = (numbers >= 0) & (numbers < count)
+            out.append(_Own(mine, jnp.where(mine, numbers, 0), order))
             first += count
         return out
 
