@@ -16,7 +16,9 @@ from plenopiv.device.correlation_deformation import _deformed
 from plenopiv.device.correlation_memory import batch_bytes, layers_bytes
 from plenopiv.device.correlation_offset import _sums
 from plenopiv.device.correlation_windows import How, correlated
+from plenopiv.device.plane_tables import Bucket
 from plenopiv.device.rates import CARDS, Rates
+from plenopiv.device.work_of_frames import groups_of, map_points, map_work, reconstruction
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.window_pass import WindowPass
 from plenopiv.displacement.windows import window_grid
@@ -74,6 +76,34 @@ def test_one_size_tells_the_times_of_others():
         for name, stage in size["stages"].items():
             assert 1 / 1.3 < predicted[name] / stage["seconds"] < 1.3, (size["shape"], name)
         assert 1 / 1.3 < sum(predicted.values()) / size["whole_s"] < 1.3
+
+
+def test_one_frame_tells_the_times_of_others():
+    """The same of one group of views, forward and back, and of dense ray tracing."""
+    rates = Rates(**MEASURED["rates"], shares=MEASURED["shares"])
+    assert len(MEASURED["frames"]) == 3
+    for size in MEASURED["frames"]:
+        for name, stage in size["stages"].items():
+            counted = work.Work(stage["moved"], stage["operations"], stage["calls"])
+            assert 1 / 1.3 < rates.of_stage(name, counted) / stage["seconds"] < 1.3, (size["shape"], name)
+
+
+def test_what_a_frame_takes_follows_its_planes_and_views():
+    """Of a bucket of one plane, counted by hand: two products, each from the plane to lines to the map."""
+    bucket = Bucket(planes=1, members=1, points=2, voxels=1, ranks=2, taps=(3, 4), window=(2, 3))
+    rows, columns = 2 * (10 + 2), 2 * (20 + 3)
+    assert map_points(bucket, (10, 20)) == rows * columns
+    line = 10 * 40
+    spread = map_work(bucket, (10, 20))
+    assert spread.moved == 2 * 4 * (200 + 3 * line + 2 * rows * columns)
+    assert spread.operations == 2 * 2 * (4 * line + 3 * rows * columns)
+    one = reconstruction((10, 20), [bucket], 50, [8], [(1, 6)], 7)
+    twice = reconstruction((10, 20), [bucket, bucket], 50, [8], [(2, 6)], 7)
+    more = reconstruction((10, 20), [bucket], 50, [8, 8], [(1, 6)], 14)
+    for name, stage in one.items():
+        assert twice[name].moved == pytest.approx(2 * stage.moved)
+        assert more[name].operations == pytest.approx(2 * stage.operations)
+    assert groups_of([(0.5, 4), (0.25, 8)], 10) == [4, 4, 2, 8, 2]
 
 
 def test_what_takes_longer():

@@ -111,7 +111,8 @@ def frame_work(projection: PlenopticProjector, settings: ReconstructionSettings)
     if settings.method != "mart":
         judged = [(found.number.size, window[0] * window[1]) for window, found in device.judges.planes]
         judging = device.judges.order.size
-    about = device.form.buckets, device.form.pixels, groups, judged, judging
+    planes = device.form.buckets if max(groups) == 1 else device.form.twos
+    about = planes, device.form.pixels, groups, judged, judging
     return FrameWork(reconstruction((ny, nx), *about), len(groups))
 
 

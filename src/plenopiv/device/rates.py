@@ -2,7 +2,7 @@
 
 A stage takes as long as the slower of the two, divided by the share of it that the stage reaches. Shares of this
 processor were fitted to one size (benchmarks/speed/device.py). Those of graphics processors are assumptions until they
-are measured: streams of whole arrays at half of the bandwidth, reads at places that data decide at a quarter of it.
+are measured: half of the bandwidth or rate where whole arrays stream through, a quarter where data decide what is read.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from plenopiv.device.backend import Device
 from plenopiv.device.work import Work
 
 USUAL = 0.5  # share of bandwidth and rate
-ASSUMED = {"deformation": 0.25, "offset": 0.25, "images": 0.25, "back": 0.25, "candidates": 0.25}
+ASSUMED = {"deformation": 0.25, "offset": 0.25, "images": 0.5, "back": 0.25, "candidates": 0.25}
 FITTED = {  # the caches of this processor hold a batch, and a map
     "deformation": 0.42,
     "windows": 2.0,

@@ -41,8 +41,8 @@ def reconstruction(
         lenses = bucket.window[0] * bucket.window[1]
         written = Work(FLOAT * (WRITTEN * points + READ * pixels), ABOUT * lenses * points + PLACE * pixels)
         voxels = Work(FLOAT * 2 * plane[0] * plane[1], 10.0 * plane[0] * plane[1])
-        images += (spread.times(times) + read.times(used)).times(bucket.planes)
-        back += ((spread + voxels).times(times) + written.times(used)).times(bucket.planes)
+        images += (spread.times(times * bucket.members) + read.times(used)).times(bucket.planes)
+        back += ((spread + voxels).times(times * bucket.members) + written.times(used)).times(bucket.planes)
     area, candidates = float(plane[0] * plane[1]), Work()
     for planes, lenses in judged:
         candidates += Work(FLOAT * SWEPT * area, JUDGED * lenses * area).times(planes * judging)
