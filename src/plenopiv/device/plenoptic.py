@@ -33,6 +33,8 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.projection.plenoptic.plane_maps.views import MappedViews
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 
+WRITTEN_OUT = 32  # microlenses about a point whose sum is written out, as one loop; more take as long to compile
+
 
 class PlenopticTables(NamedTuple):
     """What a ``PlenopticForm`` works with, on the device. Of the planes, (1, ...) each plane by itself, and (2, ...) in
@@ -134,11 +136,17 @@ class PlenopticForm:
             s, t = (column - x0 - xq * middle[0]) / xs, (row - y0 - yq * middle[1]) / ys
             moved = None if pixels.moved is None else pixels.moved[n % pixels.moved.shape[0]]
             about = near(self.lenses, lenses, s, t, plane.reach[0], moved)
-            for j in range(bucket.window[0]):
-                for i in range(bucket.window[1]):
-                    lens = lens_of(self.lenses, lenses, about, j, i, plane.reach[1])
-                    at_x, at_y, light_of = (each.at[lens].get(mode="promise_in_bounds") for each in of_view)
-                    light = light + light_of * _hat(column - at_x) * _hat(row - at_y)
+
+            def of_lens(number: int | jax.Array, light: jax.Array) -> jax.Array:
+                along, across = number % bucket.window[1], number // bucket.window[1]
+                lens = lens_of(self.lenses, lenses, about, across, along, plane.reach[1])
+                at_x, at_y, light_of = (each.at[lens].get(mode="promise_in_bounds") for each in of_view)
+                return light + light_of * _hat(column - at_x) * _hat(row - at_y)
+
+            if (count := bucket.window[0] * bucket.window[1]) > WRITTEN_OUT:
+                return lax.fori_loop(0, count, of_lens, light)
+            for number in range(count):
+                light = of_lens(number, light)
             return light
 
         return lax.fori_loop(0, images.shape[0], add, jnp.zeros((rows, columns), jnp.float32))

@@ -175,7 +175,9 @@ def near(
     return Near(jnp.ceil(across - half_rows).astype(jnp.int32), along)
 
 
-def lens_of(block: LensBlock, lenses: LensTable, found: Near, row: int, number: int, half: jax.Array) -> jax.Array:
+def lens_of(
+    block: LensBlock, lenses: LensTable, found: Near, row: int | jax.Array, number: int | jax.Array, half: jax.Array
+) -> jax.Array:
     """The lens that is ``number`` of row ``row`` in each window, ``half`` microlenses to each side along the rows."""
     j = found.j + row
     first = jnp.ceil(found.along - _shift(block, lenses, j) - half).astype(jnp.int32)
