@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 PARALLEL := -n auto --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full campaign test-report lint bench bench-full paper paper-full comparison figures lock clean
+.PHONY: help demo test test-full campaign test-report lint bench bench-full paper paper-full comparison figures docs lock clean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' Makefile
@@ -73,13 +73,22 @@ comparison: $(VENV)/.ready  ## of this only LF-PIV, Tomo-PIV and a DNS jet: sect
 figures: $(VENV)/.ready  ## draw the pictures of the README from the demo
 	$(BIN)/python docs/make_figures.py
 
-lock:  ## resolve pyproject.toml anew into requirements.txt and requirements-dev.txt
+docs: $(VENV)/.ready  ## the documents as a site, without a network: build/site/html/index.html
+	$(BIN)/python -m pip install --quiet -r requirements-docs.txt
+	PYTHONPATH=docs/site $(BIN)/python docs/site/build_site.py
+
+lock:  ## resolve pyproject.toml anew into the requirements files
 	$(PYTHON) -m venv --clear build/lock
 	build/lock/bin/pip install --quiet --upgrade "setuptools>=77" .
 	build/lock/bin/pip freeze --all --exclude pip --exclude plenopiv > requirements.txt
 	build/lock/bin/pip install --quiet ".[dev]"
 	build/lock/bin/pip freeze --all --exclude pip --exclude plenopiv > build/lock/all.txt
-	(echo "-r requirements.txt"; grep -vxFf requirements.txt build/lock/all.txt) > requirements-dev.txt
+	(echo "-r requirements.txt"; grep -vixFf requirements.txt build/lock/all.txt) > requirements-dev.txt
+	$(PYTHON) -m venv --clear build/lock
+	build/lock/bin/pip install --quiet -r requirements.txt
+	build/lock/bin/pip install --quiet ".[docs]"
+	build/lock/bin/pip freeze --all --exclude pip --exclude plenopiv > build/lock/all.txt
+	(echo "-r requirements.txt"; grep -vixFf requirements.txt build/lock/all.txt) > requirements-docs.txt
 
 clean:  ## remove everything that make made
 	rm -rf $(VENV) build demo .mypy_cache .pytest_cache .ruff_cache .import_linter_cache

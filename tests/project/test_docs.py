@@ -16,7 +16,7 @@ from plenopiv.experiment.tables import CorrelationTable, OutputTable, Reconstruc
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
-GUIDE = (ROOT / "docs" / "guide.md").read_text()
+KEYS = (ROOT / "docs" / "experiment-file.md").read_text()
 DEFAULTS = {
     "camera.sensor": SensorTable,
     "reconstruction": ReconstructionTable,
@@ -28,27 +28,25 @@ DEFAULTS = {
 
 
 def key_rows():
-    """Rows of the guide's tables of keys: (table, key) -> default, as written."""
+    """Rows of the page's tables of keys: (table, key) -> default, as written."""
     rows, table = {}, ""
-    for line in GUIDE.splitlines():
-        if heading := re.fullmatch(r"#### `\[(.+)\]`.*", line):
+    for line in KEYS.splitlines():
+        if heading := re.fullmatch(r"## `\[(.+)\]`.*", line):
             table = heading[1]
-        elif line.startswith("## "):
-            table = ""
         elif table and line.startswith("| `"):
             key, _unit, default, _meaning = (cell.strip() for cell in line.strip("|").split("|"))
             rows[table, key.strip("`")] = default
     return rows
 
 
-def test_the_guide_explains_every_key_and_no_other():
+def test_the_page_explains_every_key_and_no_other():
     tables = tables_of(Experiment)
     known = {(table, key) for table, keys in tables.items() for key in keys}
     assert set(key_rows()) == {(t, k) for t, k in known if f"{t}.{k}".lstrip(".") not in tables}
 
 
 @pytest.mark.parametrize("table", DEFAULTS)
-def test_the_guide_s_defaults_are_the_program_s(table):
+def test_the_page_s_defaults_are_the_program_s(table):
     rows = key_rows()
     for key, field in DEFAULTS[table].model_fields.items():
         if f"{table}.{key}" in tables_of(Experiment):

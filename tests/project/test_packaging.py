@@ -18,6 +18,7 @@ import plenopiv
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 LOCKS = ("requirements.txt", "requirements-dev.txt")
+OTHER_LOCKS = ("requirements-docs.txt",)
 IMPORTED_AS = {"tomli-w": "tomli_w"}
 INDIRECT = {"h5netcdf", "h5py", "imagecodecs"}  # xarray's engine by name, what it stands on, tifffile's codecs
 INDIRECT |= {"dask-jobqueue"}  # for the user's script
@@ -41,7 +42,7 @@ def test_the_version_is_said_once():
 
 
 def test_lock_files_hold_exact_versions_and_no_addresses():
-    for line in pins(*LOCKS):
+    for line in pins(*LOCKS, *OTHER_LOCKS):
         assert re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.]+", line), line
     assert (ROOT / "requirements-dev.txt").read_text().startswith("-r requirements.txt\n")
 
