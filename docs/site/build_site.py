@@ -8,6 +8,7 @@ navigation. Nothing is fetched from a network.
 """
 
 import argparse
+import json
 import os
 import re
 import shutil
@@ -15,6 +16,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import make_gallery
 from reference_pages import commands_page, key_types_page, module_pages
 
 ROOT = Path(__file__).parents[2]
@@ -77,12 +79,34 @@ def toctree(pages: list[str], *options: str) -> str:
     return "\n".join(["```{toctree}", *(f":{option}" for option in options), "", *pages, "```", "", ""])
 
 
+def with_reports(page: str) -> str:
+    """The gallery's page with the reports that there are, each in a frame of its own and as a page."""
+    shown = SOURCE / "_extra" / "reports"
+    shown.mkdir(parents=True, exist_ok=True)
+
+    def frame(match: re.Match[str]) -> str:
+        name = match[1]
+        report = make_gallery.GALLERY / name / "report.html"
+        if not report.exists():
+            return "*Not made in this build.*"
+        shutil.copy(report, shown / f"{name}.html")
+        facts = json.loads((report.parent / "facts.json").read_text())
+        return (
+            f"{facts['vectors']} vectors, {100 * facts['replaced_share']:.1f} % of them replaced. "
+            f'<a href="reports/{name}.html">The report as a page</a>\n\n'
+            f'<iframe class="report" src="reports/{name}.html" title="report: {name}" loading="lazy"></iframe>'
+        )
+
+    return re.sub(r"<!-- report: ([\w-]+) -->", frame, page)
+
+
 def lay_out() -> None:
     """All pages in build/site/source, and none of an earlier build that is no more."""
     pages = {f"{path.relative_to(DOCS).as_posix()}": path for path in DOCS.rglob("*.md")}
     pages |= {name: ROOT / path for path, name in BESIDE.items()}
     texts = {at: copied(path, at) for at, path in pages.items()}
     texts |= navigation(texts["index.md"])
+    texts["gallery.md"] = with_reports(texts["gallery.md"])
     texts["readme.md"] = "---\norphan: true\n---\n" + texts["readme.md"]
     texts |= {"commands.md": commands_page(), "key-types.md": key_types_page()} | module_pages()
     for at, text in texts.items():
@@ -102,6 +126,8 @@ def main() -> int:
     words.add_argument("--no-gallery", action="store_true", help="leave the reports of the gallery out")
     words.add_argument("--no-notebooks", action="store_true", help="do not execute the notebooks")
     chosen = words.parse_args()
+    if not chosen.no_gallery:
+        make_gallery.main()
     lay_out()
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-j", "auto", "-c", str(DOCS / "site")]
     command += ["-d", str(SITE / "doctrees"), str(SOURCE), str(SITE / "html")]
