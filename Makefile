@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 PARALLEL := -n auto --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full campaign test-report lint bench bench-full paper paper-full comparison figures docs lock clean
+.PHONY: help demo test test-full campaign test-report lint bench bench-full paper paper-full comparison figures docs release-check lock clean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' Makefile
@@ -70,12 +70,17 @@ paper-full: paper  ## and the comparison of section 4 in all of the paper's volu
 comparison: $(VENV)/.ready  ## of this only LF-PIV, Tomo-PIV and a DNS jet: section 4 in a cut of its volume
 	$(BIN)/python paper/comparison.py reduced
 
-figures: $(VENV)/.ready  ## draw the pictures of the README from the demo
+figures: $(VENV)/.ready  ## draw the pictures of the README from the demo and the gallery
 	$(BIN)/python docs/make_figures.py
+	$(BIN)/python docs/site/make_gallery.py
+	$(BIN)/python docs/make_field_picture.py
 
 docs: $(VENV)/.ready  ## the documents as a site, without a network: build/site/html/index.html
 	$(BIN)/python -m pip install --quiet -r requirements-docs.txt
-	PYTHONPATH=docs/site $(BIN)/python docs/site/build_site.py
+	$(BIN)/python docs/site/build_site.py
+
+release-check: $(VENV)/.ready  ## wheel and sdist into dist/, installed in fresh environments and tried without the repository
+	$(BIN)/python .ci/release_check.py
 
 lock:  ## resolve pyproject.toml anew into the requirements files
 	$(PYTHON) -m venv --clear build/lock
@@ -84,6 +89,9 @@ lock:  ## resolve pyproject.toml anew into the requirements files
 	build/lock/bin/pip install --quiet ".[dev]"
 	build/lock/bin/pip freeze --all --exclude pip --exclude plenopiv > build/lock/all.txt
 	(echo "-r requirements.txt"; grep -vixFf requirements.txt build/lock/all.txt) > requirements-dev.txt
+	build/lock/bin/pip install --quiet uv
+	build/lock/bin/uv pip compile --quiet --universal --generate-hashes --no-annotate --no-header --python-version 3.11 \
+	  requirements.txt -o requirements-hashed.txt
 	$(PYTHON) -m venv --clear build/lock
 	build/lock/bin/pip install --quiet -r requirements.txt
 	build/lock/bin/pip install --quiet ".[docs]"

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0.dev0"
+__version__ = "0.1.0"
 __all__ = ["PlenoPIVError", "PlenoPIVWarning", "compare", "correlate", "load", "process", "statistics_of"]
 
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning

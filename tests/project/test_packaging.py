@@ -56,6 +56,30 @@ def test_lock_files_satisfy_the_project(lock, wanted):
     assert not COPYLEFT & set(locked)
 
 
+def test_the_hashed_lock_file_holds_the_same_versions_and_no_addresses():
+    text = (ROOT / "requirements-hashed.txt").read_text()
+    found = re.findall(r"^(\S+==\S+)( ; [^\\\n]+?)?((?: \\\n    --hash=sha256:[0-9a-f]{64})+)$", text, re.MULTILINE)
+    here = {pin for pin, elsewhere, _ in found if not elsewhere}
+    assert {pin.lower() for pin in here} == {pin.lower() for pin in pins("requirements.txt")}
+    assert len(found) == text.count("==") - text.count(" == ")  # nothing without a hash
+    assert "://" not in text
+    assert "index" not in text
+
+
+def test_the_citation_is_of_this_version():
+    text = (ROOT / "CITATION.cff").read_text()
+    assert f"\nversion: {PROJECT['version']}\n" in text
+    assert f"\nlicense: {PROJECT['license']}\n" in text
+    assert [author["name"] for author in PROJECT["authors"]] == re.findall(r"^  - name: (.+)$", text, re.MULTILINE)
+
+
+def test_classifiers_and_the_workflow_name_the_same_pythons():
+    stated = [text.rpartition(" ")[2] for text in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", text)]
+    workflow = (ROOT / ".github" / "workflows" / "tests.yml").read_text()
+    assert re.findall(r'"(3\.\d+)"', re.search(r"python: \[(.*)\]", workflow)[1]) == stated
+    assert PROJECT["requires-python"] == f">={stated[0]}"
+
+
 def test_dependencies_are_those_imported():
     graph = grimp.build_graph("plenopiv", include_external_packages=True, cache_dir=None)
     imported = {m for m in graph.modules if not m.startswith("plenopiv")} - set(sys.stdlib_module_names)
