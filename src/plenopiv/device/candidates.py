@@ -2,13 +2,14 @@
 
 The kernels there go through dark pixels and rule out voxels. Here each voxel of a plane asks the pixels that it may
 light, a window of microlenses in each judging view, whether one of them rules it out: reads alone, no two of which
-meet. What counts is the same least weight within the voxel.
+meet. What counts is the same least weight within the voxel. The voxels that are left are listed anew after every few
+views, the first of which rule out most.
 """
 
 from __future__ import annotations
 
 from functools import partial
-from math import cos, floor, sin
+from math import floor
 from typing import NamedTuple
 
 import jax
@@ -18,10 +19,10 @@ from jax import lax
 from numpy.typing import NDArray
 
 from plenopiv.cameras.coverage import half_sensor_mm
+from plenopiv.device.in_focus import Touched, judge_together, touched_lenses
 from plenopiv.device.plane_tables import SPLIT, irregularity, reach_in_lattice
 from plenopiv.device.view_places import LensBlock, LensTable, lens_of, lit_part, near, places_mm
 from plenopiv.device.weights import in_plane, patch_area
-from plenopiv.lattice import nearest_lens
 from plenopiv.projection.plenoptic.candidates.in_focus import borders_coincide
 from plenopiv.projection.plenoptic.candidates.kernels import LEAST_WEIGHT
 from plenopiv.projection.plenoptic.candidates.rule import judging_views, weight_sums
@@ -30,6 +31,8 @@ from plenopiv.projection.plenoptic.pixel_weights import EXACT, box_of, plane_of
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 
 SLACK = 0.1  # px by which lit parts of pixels depart from where they are in the first plane and in the last
+AT_ONCE = 1 << 20  # voxels of a plane that are judged at once, at most
+VIEWS = 8  # that judge before the voxels that are left are listed anew
 ALIKE = 0.6  # of the largest window of a group of planes, the least
 
 
@@ -58,15 +61,17 @@ class Judged(NamedTuple):
     columns: NDArray[np.bool_]
 
 
-class Touched(NamedTuple):
-    """A ``plane`` in focus, where borders between microlenses are the same in all views: the ``lenses`` (9, ny, nx)
-    that hold points of each voxel, with the ring, which of them come for the first time (``new``), and the voxels that
-    touch several (``several``)."""
+class How(NamedTuple):
+    """What the program that judges is compiled for: the block of ``lenses``, the ``window`` of them that a voxel may
+    light, whether the lattice is ``hexagonal`` and its rows run along y (``swapped``), ``columns`` of voxels, and
+    voxels judged ``at_once``."""
 
-    plane: int
-    lenses: NDArray[np.int32]
-    new: NDArray[np.bool_]
-    several: NDArray[np.bool_]
+    lenses: LensBlock
+    window: tuple[int, int]
+    hexagonal: bool
+    swapped: bool
+    columns: int
+    at_once: int
 
 
 class Judges(NamedTuple):
@@ -106,13 +111,26 @@ def candidate_voxels(
         most = most / where.light
     inner = block.ringed(np.ones(where.lenses, bool))  # the ring rules nothing out
     bound = jnp.asarray(np.where(inner, block.ringed(most), np.float32(np.inf)))
+    ny, nx = projector.grid.shape[1:]
+    at_once = min(AT_ONCE, 1 << (ny * nx - 1).bit_length())
     alive = jnp.zeros(projector.grid.shape, bool)
     for window, planes in found.planes:
-        how = block, window, bool(cam.hexagonal), bool(cam.swapped)
-        alive = _judge(how, found.camera, lenses, planes, found.order, bound, np.float32(particle), alive)
+        how = How(block, window, bool(cam.hexagonal), bool(cam.swapped), nx, at_once)
+        about = found.camera, lenses, bound, np.float32(particle)
+        for judged in map(Judged._make, zip(*planes, strict=True)):
+            voxels, count = _seen(judged.rows, judged.columns, at_once)
+            for first in range(0, len(found.order), VIEWS):
+                views = found.order[np.minimum(np.arange(first, first + VIEWS), len(found.order) - 1)]
+                stays = jnp.zeros(voxels.shape, bool)
+                for start in range(0, int(count), at_once):
+                    stays = _judge(how, *about, judged, views, voxels, np.int32(start), stays)
+                voxels, count = _kept(voxels, stays, ny * nx)
+                if int(count) == 0:
+                    break
+            alive = _with_plane(alive, judged.number, voxels)
     light = projector.camera.column("light")
     for plane, *about in found.touched:
-        alive = _together(
+        alive = judge_together(
             alive, np.int32(plane), *about, bound, np.float32(particle * float(light[plane])), found.whole
         )
     return alive
@@ -158,122 +176,91 @@ def judged_planes(projector: PlenopticProjector, q_half: NDArray[np.float64]) ->
     return found
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=7)
+@partial(jax.jit, static_argnums=0, donate_argnums=9)
 def _judge(
-    how: tuple[LensBlock, tuple[int, int], bool, bool],
+    how: How,
     cam: Camera,
     lenses: LensTable,
-    planes: Judged,
-    order: jax.Array,
     bound: jax.Array,
     particle: jax.Array,
-    alive: jax.Array,
+    judged: Judged,
+    order: jax.Array,
+    voxels: jax.Array,
+    start: jax.Array,
+    kept: jax.Array,
 ) -> jax.Array:
-    """``kernels.rule_out`` for some planes, all of whose visible voxels are taken as alive. ``how``: the block of
-    microlenses, the window, whether the lattice is hexagonal, and whether its rows run along y."""
-    block, window, hexagonal, swapped = how
-    _, ny, nx = alive.shape
+    """``kernels.rule_out`` by the views ``order`` for those of a plane's listed ``voxels`` that begin at ``start``:
+    ``kept`` (listed voxel,) with whether each of them stays."""
+    block, window, plane = how.lenses, how.window, in_plane(judged.plane)
+    some = lax.dynamic_slice_in_dim(voxels, start, how.at_once)
+    i, j = (some % how.columns).astype(jnp.float32), (some // how.columns).astype(jnp.float32)
+    counts, least = particle * plane.light, LEAST_WEIGHT * judged.largest
+    half_x = 0.5 * (jnp.abs(plane.cell_x * cam.cos) + jnp.abs(plane.cell_y * cam.sin))
+    half_y = 0.5 * (jnp.abs(plane.cell_y * cam.cos) + jnp.abs(plane.cell_x * cam.sin))
 
-    def judge(alive: jax.Array, judged: Judged) -> tuple[jax.Array, None]:
-        plane = in_plane(judged.plane)
-        i, j = jnp.arange(nx, dtype=jnp.float32)[None], jnp.arange(ny, dtype=jnp.float32)[:, None]
-        counts, least = particle * plane.light, LEAST_WEIGHT * judged.largest
-        half_x = 0.5 * (jnp.abs(plane.cell_x * cam.cos) + jnp.abs(plane.cell_y * cam.sin))
-        half_y = 0.5 * (jnp.abs(plane.cell_y * cam.cos) + jnp.abs(plane.cell_x * cam.sin))
+    def by_view(n: jax.Array, stays: jax.Array) -> jax.Array:
+        view = order[n]
+        m, of_row = lenses.offset[view]
+        qx, qy = m - lenses.phase[0], lenses.phase[1] - of_row
+        along, across = (jnp.abs(qy), jnp.abs(qx)) if how.swapped else (jnp.abs(qx), jnp.abs(qy))
+        out_x, out_y = half_x + along * judged.blur, half_y + across * judged.blur
+        limit = jnp.maximum(bound[view] / counts, least)
+        limit = jnp.where(limit < judged.largest, limit, jnp.inf)
+        lit, cut_x, cut_y = lit_part(cam.radius, plane.spread, qx, qy)
+        rim = lenses.rim[view]
+        limit = jnp.where(rim, limit / jnp.maximum(lit, 1e-3), limit)
+        limit = jnp.where(limit < judged.largest, limit, jnp.inf)
+        qx, qy = jnp.where(rim, cut_x, qx), jnp.where(rim, cut_y, qy)
+        s, t = (each[0] for each in places_mm(lenses, view[None]))
+        of_lens = (
+            plane.voxel_s * s + plane.step_x * qx - cam.x0, plane.voxel_t * t + plane.step_y * qy - cam.y0,
+            limit, out_x, out_y,
+        )  # fmt: skip
+        of_lens = lax.optimization_barrier(of_lens)
+        middle_x, middle_y = lenses.middle[view]
+        at_s = (i + cam.x0 - plane.step_x * middle_x) / plane.voxel_s
+        at_t = (j + cam.y0 - plane.step_y * middle_y) / plane.voxel_t
+        moved = None
+        if lenses.regular is not None:
+            ds, dt = s - lenses.regular[0], t - lenses.regular[1]
+            moved = jnp.stack([a * ds + b * dt for a, b in lenses.from_mm[:, :2]])
+        about = lax.optimization_barrier(near(block, lenses, at_s, at_t, judged.reach[0], moved))
 
-        def by_view(n: jax.Array, stays: jax.Array) -> jax.Array:
-            view = order[n]
-            m, of_row = lenses.offset[view]
-            qx, qy = m - lenses.phase[0], lenses.phase[1] - of_row
-            along, across = (jnp.abs(qy), jnp.abs(qx)) if swapped else (jnp.abs(qx), jnp.abs(qy))
-            out_x, out_y = half_x + along * judged.blur, half_y + across * judged.blur
-            limit = jnp.maximum(bound[view] / counts, least)
-            limit = jnp.where(limit < judged.largest, limit, jnp.inf)
-            lit, cut_x, cut_y = lit_part(cam.radius, plane.spread, qx, qy)
-            rim = lenses.rim[view]
-            limit = jnp.where(rim, limit / jnp.maximum(lit, 1e-3), limit)
-            limit = jnp.where(limit < judged.largest, limit, jnp.inf)
-            qx, qy = jnp.where(rim, cut_x, qx), jnp.where(rim, cut_y, qy)
-            s, t = (each[0] for each in places_mm(lenses, view[None]))
-            of_lens = (
-                plane.voxel_s * s + plane.step_x * qx - cam.x0, plane.voxel_t * t + plane.step_y * qy - cam.y0,
-                limit, out_x, out_y,
-            )  # fmt: skip
-            of_lens = lax.optimization_barrier(of_lens)
-            middle_x, middle_y = lenses.middle[view]
-            at_s = (i + cam.x0 - plane.step_x * middle_x) / plane.voxel_s
-            at_t = (j + cam.y0 - plane.step_y * middle_y) / plane.voxel_t
-            moved = None
-            if lenses.regular is not None:
-                ds, dt = s - lenses.regular[0], t - lenses.regular[1]
-                moved = jnp.stack([a * ds + b * dt for a, b in lenses.from_mm[:, :2]])
-            about = lax.optimization_barrier(near(block, lenses, at_s, at_t, judged.reach[0], moved))
+        def by_lens(number: jax.Array, stays: jax.Array) -> jax.Array:
+            row, along_row = number // window[1], number % window[1]
+            lens = lens_of(block, lenses, about, row, along_row, judged.reach[1])
+            cx, cy, most, beyond_x, beyond_y = (v.at[lens].get(mode="promise_in_bounds") for v in of_lens)
+            ox, oy = plane.cell_x * (i - cx), plane.cell_y * (j - cy)
+            x, y = cam.cos * ox + cam.sin * oy, cam.cos * oy - cam.sin * ox
+            x, y = x + jnp.where(x >= 0, beyond_x, -beyond_x), y + jnp.where(y >= 0, beyond_y, -beyond_y)
+            area = patch_area(how.hexagonal, cam.turn, x, y, plane.half, plane.half)
+            return stays & (area * (0.25 / (plane.half * plane.half)) <= most)
 
-            def by_lens(number: jax.Array, stays: jax.Array) -> jax.Array:
-                row, along_row = number // window[1], number % window[1]
-                lens = lens_of(block, lenses, about, row, along_row, judged.reach[1])
-                cx, cy, most, beyond_x, beyond_y = (v.at[lens].get(mode="promise_in_bounds") for v in of_lens)
-                ox, oy = plane.cell_x * (i - cx), plane.cell_y * (j - cy)
-                x, y = cam.cos * ox + cam.sin * oy, cam.cos * oy - cam.sin * ox
-                x, y = x + jnp.where(x >= 0, beyond_x, -beyond_x), y + jnp.where(y >= 0, beyond_y, -beyond_y)
-                area = patch_area(hexagonal, cam.turn, x, y, plane.half, plane.half)
-                return stays & (area * (0.25 / (plane.half * plane.half)) <= most)
+        return lax.fori_loop(0, window[0] * window[1], by_lens, stays)
 
-            return lax.fori_loop(0, window[0] * window[1], by_lens, stays)
-
-        seen = judged.rows[:, None] & judged.columns[None]
-        found = lax.fori_loop(0, order.size, by_view, seen)
-        return lax.dynamic_update_index_in_dim(alive, found, judged.number, 0), None
-
-    return lax.scan(judge, alive, planes)[0]
+    stays = lax.fori_loop(0, order.size, by_view, jnp.ones(how.at_once, bool))
+    return lax.dynamic_update_slice_in_dim(kept, stays, start, 0)
 
 
-def touched_lenses(projector: PlenopticProjector, block: LensBlock, plane: int) -> Touched | None:
-    """The microlenses that voxels of a plane in focus touch, as ``in_focus.rule_out_together`` finds them; None where
-    voxels are wider than a microlens."""
-    where, grid = projector.layout, projector.grid
-    camera, (x, y, z) = where.camera, grid.axes()
-    lattice, scale = camera.lattice, float(camera.scale(z[plane]))
-    depth = z[plane] + grid.voxel_mm[2] * np.array([-0.5, 0.5])
-    blur = np.abs(camera.spread(depth)).max() * 0.5 * camera.main_lens.aperture_mm
-    half_x, half_y = (float(0.5 * abs(scale) * size + blur) for size in grid.voxel_mm[:2])
-    if max(half_x, half_y) > 0.5 * lattice.pitch_mm:
-        return None
-    s, t = np.broadcast_arrays(scale * x[None], scale * y[:, None])
-    across, up = np.array([half_x, 0.0]), np.array([0.0, half_y])
-    if lattice.map is not None:
-        s, t = lattice.map.regular(s, t)
-        across, up = (np.array(lattice.map.regular(*side)) for side in (across, up))
-    s, t = s - lattice.offset_mm[0], t - lattice.offset_mm[1]
-    c, turn = cos(lattice.rotation_rad) / lattice.pitch_mm, sin(lattice.rotation_rad) / lattice.pitch_mm
-    lenses, known = np.empty((9, *s.shape), np.int32), np.ones(s.shape, bool)
-    for point in range(9):
-        m, n = point % 3 - 1, point // 3 - 1
-        u, v = s + across[0] * m + up[0] * n, t + across[1] * m + up[1] * n
-        at_i, at_j = nearest_lens(block.hexagonal, lattice.row_spacing, c * u + turn * v, c * v - turn * u)
-        i, j = at_i.astype(np.int32) - where.i0, at_j.astype(np.int32) - where.j0
-        known &= (i >= 0) & (i < block.ni) & (j >= 0) & (j < block.nj)
-        lenses[point] = (np.clip(j, -1, block.nj) + 1) * (block.ni + 2) + np.clip(i, -1, block.ni) + 1
-    new = np.array([(lenses[:n] != of_point).all(0) for n, of_point in enumerate(lenses)])
-    return Touched(plane, lenses, new, known & (new.sum(0) > 1))
+@partial(jax.jit, static_argnums=2)
+def _seen(rows: jax.Array, columns: jax.Array, at_once: int) -> tuple[jax.Array, jax.Array]:
+    """The numbers of a plane's voxels in ``rows`` and ``columns`` that are seen, in a list that has room for all of
+    them and for whole runs of ``at_once``; and how many there are."""
+    seen = (rows[:, None] & columns[None]).reshape(-1)
+    room = -(-seen.size // at_once) * at_once
+    return jnp.nonzero(seen, size=room, fill_value=seen.size)[0].astype(jnp.int32), jnp.sum(seen)
+
+
+@partial(jax.jit, static_argnums=2)
+def _kept(voxels: jax.Array, stays: jax.Array, none: int) -> tuple[jax.Array, jax.Array]:
+    """The listed voxels that stay, at the front, then ``none``; and how many there are."""
+    keep = stays & (voxels < none)
+    at = jnp.nonzero(keep, size=voxels.size, fill_value=voxels.size)[0]
+    return voxels.at[at].get(mode="fill", fill_value=none), jnp.sum(keep)
 
 
 @partial(jax.jit, donate_argnums=0)
-def _together(
-    alive: jax.Array,
-    plane: jax.Array,
-    lenses: jax.Array,
-    new: jax.Array,
-    several: jax.Array,
-    bound: jax.Array,
-    counts: jax.Array,
-    views: jax.Array,
-) -> jax.Array:
-    """``in_focus.judge_together`` for a plane."""
-
-    def by_view(n: jax.Array, stays: jax.Array) -> jax.Array:
-        of_view = bound[views[n]]
-        return stays & (jnp.sum(jnp.where(new, of_view[lenses], 0.0), 0) >= counts)
-
-    stays = lax.fori_loop(0, views.size, by_view, jnp.ones(alive.shape[1:], bool)) | ~several
-    return alive.at[plane].set(alive[plane] & stays)
+def _with_plane(alive: jax.Array, number: jax.Array, voxels: jax.Array) -> jax.Array:
+    """``alive`` (nz, ny, nx) with the listed voxels of a plane."""
+    plane = jnp.zeros(alive[0].size, bool).at[voxels].set(True, mode="drop")
+    return lax.dynamic_update_index_in_dim(alive, plane.reshape(alive.shape[1:]), number, 0)
