@@ -31,7 +31,8 @@ from plenopiv.projection.plenoptic.pixel_weights import EXACT, box_of, plane_of
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 
 SLACK = 0.1  # px by which lit parts of pixels depart from where they are in the first plane and in the last
-AT_ONCE = 1 << 20  # voxels of a plane that are judged at once, at most
+LONGEST, SHORTEST = 1 << 22, 1 << 12  # runs of a plane's voxels that are judged at once
+FILLED_UP = 1.25  # of the voxels that are left, runs judge at the most, where shorter runs can help it
 VIEWS = 8  # that judge before the voxels that are left are listed anew
 ALIKE = 0.6  # of the largest window of a group of planes, the least
 
@@ -112,18 +113,18 @@ def candidate_voxels(
     inner = block.ringed(np.ones(where.lenses, bool))  # the ring rules nothing out
     bound = jnp.asarray(np.where(inner, block.ringed(most), np.float32(np.inf)))
     ny, nx = projector.grid.shape[1:]
-    at_once = min(AT_ONCE, 1 << (ny * nx - 1).bit_length())
+    longest = min(LONGEST, 1 << (ny * nx - 1).bit_length())
     alive = jnp.zeros(projector.grid.shape, bool)
     for window, planes in found.planes:
-        how = How(block, window, bool(cam.hexagonal), bool(cam.swapped), nx, at_once)
+        how = block, window, bool(cam.hexagonal), bool(cam.swapped), nx
         about = found.camera, lenses, bound, np.float32(particle)
         for judged in map(Judged._make, zip(*planes, strict=True)):
-            voxels, count = _seen(judged.rows, judged.columns, at_once)
+            voxels, count = _seen(judged.rows, judged.columns, longest)
             for first in range(0, len(found.order), VIEWS):
                 views = found.order[np.minimum(np.arange(first, first + VIEWS), len(found.order) - 1)]
-                stays = jnp.zeros(voxels.shape, bool)
-                for start in range(0, int(count), at_once):
-                    stays = _judge(how, *about, judged, views, voxels, np.int32(start), stays)
+                stays, run = jnp.zeros(voxels.shape, bool), run_length(int(count), longest)
+                for start in range(0, int(count), run):
+                    stays = _judge(How(*how, run), *about, judged, views, voxels, np.int32(start), stays)
                 voxels, count = _kept(voxels, stays, ny * nx)
                 if int(count) == 0:
                     break
@@ -134,6 +135,12 @@ def candidate_voxels(
             alive, np.int32(plane), *about, bound, np.float32(particle * float(light[plane])), found.whole
         )
     return alive
+
+
+def run_length(count: int, longest: int) -> int:
+    """The longest run, of some of which each has a program, in which so many voxels are judged without many others."""
+    runs = [longest >> shift for shift in (0, 2, 4, 6) if longest >> shift >= SHORTEST] or [longest]
+    return next((run for run in runs if -(-count // run) * run <= FILLED_UP * count), runs[-1])
 
 
 def visible_voxels(camera: CameraOnGrid) -> jax.Array:
@@ -198,7 +205,7 @@ def _judge(
     half_x = 0.5 * (jnp.abs(plane.cell_x * cam.cos) + jnp.abs(plane.cell_y * cam.sin))
     half_y = 0.5 * (jnp.abs(plane.cell_y * cam.cos) + jnp.abs(plane.cell_x * cam.sin))
 
-    def by_view(n: jax.Array, stays: jax.Array) -> jax.Array:
+    def by_view(n: jax.Array, left: jax.Array) -> jax.Array:
         view = order[n]
         m, of_row = lenses.offset[view]
         qx, qy = m - lenses.phase[0], lenses.phase[1] - of_row
@@ -226,7 +233,7 @@ def _judge(
             moved = jnp.stack([a * ds + b * dt for a, b in lenses.from_mm[:, :2]])
         about = lax.optimization_barrier(near(block, lenses, at_s, at_t, judged.reach[0], moved))
 
-        def by_lens(number: jax.Array, stays: jax.Array) -> jax.Array:
+        def by_lens(number: jax.Array, left: jax.Array) -> jax.Array:
             row, along_row = number // window[1], number % window[1]
             lens = lens_of(block, lenses, about, row, along_row, judged.reach[1])
             cx, cy, most, beyond_x, beyond_y = (v.at[lens].get(mode="promise_in_bounds") for v in of_lens)
@@ -234,20 +241,21 @@ def _judge(
             x, y = cam.cos * ox + cam.sin * oy, cam.cos * oy - cam.sin * ox
             x, y = x + jnp.where(x >= 0, beyond_x, -beyond_x), y + jnp.where(y >= 0, beyond_y, -beyond_y)
             area = patch_area(how.hexagonal, cam.turn, x, y, plane.half, plane.half)
-            return stays & (area * (0.25 / (plane.half * plane.half)) <= most)
+            return jnp.minimum(left, most - area * (0.25 / (plane.half * plane.half)))
 
-        return lax.fori_loop(0, window[0] * window[1], by_lens, stays)
+        return lax.fori_loop(0, window[0] * window[1], by_lens, left)
 
-    stays = lax.fori_loop(0, order.size, by_view, jnp.ones(how.at_once, bool))
-    return lax.dynamic_update_slice_in_dim(kept, stays, start, 0)
+    # what pixels could take more, at the least: of a voxel that one of them rules out less than nothing
+    left = lax.fori_loop(0, order.size, by_view, jnp.full(how.at_once, jnp.inf, jnp.float32))
+    return lax.dynamic_update_slice_in_dim(kept, left >= 0, start, 0)
 
 
 @partial(jax.jit, static_argnums=2)
-def _seen(rows: jax.Array, columns: jax.Array, at_once: int) -> tuple[jax.Array, jax.Array]:
+def _seen(rows: jax.Array, columns: jax.Array, run: int) -> tuple[jax.Array, jax.Array]:
     """The numbers of a plane's voxels in ``rows`` and ``columns`` that are seen, in a list that has room for all of
-    them and for whole runs of ``at_once``; and how many there are."""
+    them and for whole runs; and how many there are."""
     seen = (rows[:, None] & columns[None]).reshape(-1)
-    room = -(-seen.size // at_once) * at_once
+    room = -(-seen.size // run) * run
     return jnp.nonzero(seen, size=room, fill_value=seen.size)[0].astype(jnp.int32), jnp.sum(seen)
 
 
