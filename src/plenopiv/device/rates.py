@@ -20,13 +20,13 @@ from plenopiv.device.work import Work
 USUAL = 0.5  # share of bandwidth and rate
 ASSUMED = {"deformation": 0.25, "offset": 0.25, "images": 0.5, "back": 0.25, "candidates": 0.25}
 FITTED = {  # the caches of this processor hold a batch, and a map
-    "deformation": 0.42,
-    "windows": 2.0,
-    "last windows": 2.2,
-    "offset": 1.4,
-    "images": 1.1,
-    "back": 2.4,
-    "candidates": 0.35,
+    "deformation": 0.43,
+    "windows": 2.1,
+    "last windows": 2.4,
+    "offset": 1.5,
+    "images": 1.4,
+    "back": 0.94,
+    "candidates": 0.078,
 }
 
 

@@ -16,9 +16,10 @@ from plenopiv.device.work import FLOAT, Work
 PLACE = 40.0  # operations of a pixel: where it lies on a map, its lit share, what is read there
 READ = 14.0  # floats: the pixel's lens, its place, four points of the map
 ABOUT = 25.0  # operations of a microlens that may light a point of a map
-WRITTEN = 6.0  # floats of a point of a map and a view: its sum, and what caches leave of the microlenses about it
+WRITTEN = 2.0  # floats of a point of a map and a view: its sum; the microlenses about it come from a cache
 JUDGED = 90.0  # operations of a voxel and a pixel that may rule it out: its place, an area
 SWEPT = 3.0  # floats of a voxel and a judging view
+LEFT = 0.3  # share of the voxels that an average view has left to judge, where they are densely seeded
 
 
 def reconstruction(
@@ -45,7 +46,7 @@ def reconstruction(
         back += ((spread + voxels).times(times * bucket.members) + written.times(used)).times(bucket.planes)
     area, candidates = float(plane[0] * plane[1]), Work()
     for planes, lenses in judged:
-        candidates += Work(FLOAT * SWEPT * area, JUDGED * lenses * area).times(planes * judging)
+        candidates += Work(FLOAT * SWEPT * area, JUDGED * lenses * area).times(LEFT * planes * judging)
     calls = Work(calls=times)
     return {"images": images + calls, "back": back, "candidates": candidates}
 
