@@ -9,6 +9,7 @@ from oracles.cameras import small_camera
 
 pytest.importorskip("jax")
 
+from plenopiv.device import candidates
 from plenopiv.device.projection import on_device
 from plenopiv.lattice import LatticeMap
 from plenopiv.lightfield import layout
@@ -33,7 +34,8 @@ LENS_MAP = LatticeMap(2, 0.25, ((0.012, 0.01), (-0.008, -0.015), (0.01, 0.0), (0
         pytest.param("hexagonal", 0.3, FOCUS, LENS_MAP, False, marks=pytest.mark.full),
     ],
 )
-def test_the_same_voxels_stay(kind, degrees, grid, lens_map, light):
+def test_the_same_voxels_stay(kind, degrees, grid, lens_map, light, monkeypatch):
+    monkeypatch.setattr(candidates, "SHORTEST", 512)  # so that runs of several lengths judge what is left of a plane
     camera = small_camera(kind, pmr=8, rotation_rad=radians(degrees), offset_mm=(0.013, -0.027))
     where = layout(camera.with_lattice(replace(camera.lattice, map=lens_map)))
     rng = np.random.default_rng(3)
@@ -47,3 +49,11 @@ def test_the_same_voxels_stay(kind, degrees, grid, lens_map, light):
     np.testing.assert_array_equal(seen, projector.visible_voxels().mask())
     assert 40 < expected.sum() < 0.95 * seen.sum()
     np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("count", [0, 1, 4000, 5000, 17_000, 60_000, 65_000])
+def test_runs_hold_all_voxels_and_few_others(count):
+    run = candidates.run_length(count, 1 << 16)
+    judged = -(-count // run) * run
+    assert count <= judged <= max(1.25 * count, count + candidates.SHORTEST)
+    assert run in (1 << 16, 1 << 14, 1 << 12)

@@ -4,7 +4,7 @@
     projection       a projection on the device; form: what programs for it are compiled for
     plenoptic        plenoptic cameras; plane_tables, planes, view_places: what it works with
     several, pinhole several plenoptic cameras, pinhole cameras
-    candidates       dense ray tracing; weights: of voxels in pixels
+    candidates       dense ray tracing; in_focus, weights: what it works with
     mart             MART
     reconstruct      from a frame to a volume
     volume           a dense volume, and the list of its voxels that comes back

@@ -1,13 +1,14 @@
 """What the reconstruction of a frame takes of a device's memory, told by the compiled programs without running them.
 
 The largest program is that of a group of views: it holds the volume, which is corrected in place, the frame, what is
-known of the camera, and what the compiler needs in between, a few maps of one plane among it. Compiling takes some
-seconds, and what it yields is kept for the run.
+known of the camera, and what the compiler needs in between, a few maps of one plane among it. Before, candidates, a
+byte each, become that volume while the pixels' bounds are held.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import prod
 from typing import Any
 
 import jax
@@ -16,9 +17,12 @@ import numpy as np
 
 from plenopiv.device.mart import Frame, correct_views, exponents
 from plenopiv.device.projection import OnDevice, on_device
+from plenopiv.device.several import SeveralOnDevice
 from plenopiv.projection.protocol import Projection
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.reconstruction.tiles import Tile
+
+START = 5, 12  # bytes a voxel while candidates become a volume; of several cameras, each of which has a list of them
 
 
 def frame_bytes(
@@ -60,7 +64,7 @@ def tile_bytes(device: OnDevice, settings: ReconstructionSettings, saturated: bo
             used = correct_views.lower(form, tables, frame, volume, *group).compile().memory_analysis()
         ends = used.argument_size_in_bytes + used.output_size_in_bytes - used.alias_size_in_bytes
         most = max(most, ends + used.temp_size_in_bytes)
-    return int(most)
+    return int(max(most, START[isinstance(device, SeveralOnDevice)] * prod(form.grid) + 4 * prod(pixels)))
 
 
 def _array(shape: tuple[int, ...], kind: Any) -> jax.ShapeDtypeStruct:
