@@ -130,9 +130,9 @@ def candidate_voxels(
                     break
             alive = _with_plane(alive, judged.number, voxels)
     light = projector.camera.column("light")
-    for plane, *about in found.touched:
+    for plane, *touched in found.touched:
         alive = judge_together(
-            alive, np.int32(plane), *about, bound, np.float32(particle * float(light[plane])), found.whole
+            alive, np.int32(plane), *touched, bound, np.float32(particle * float(light[plane])), found.whole
         )
     return alive
 
