@@ -127,6 +127,7 @@ def test_a_field_is_the_hosts(pair):
     compare(measure(*pair, SETTINGS), correlation.measure(*pair, SETTINGS), different=1)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "settings",
     [
