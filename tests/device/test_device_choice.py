@@ -5,7 +5,6 @@ import json
 import subprocess
 import sys
 
-import jax
 import pytest
 import tomli_w
 
@@ -14,6 +13,8 @@ from plenopiv.device import backend
 from plenopiv.device.backend import CPU, device_of
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
+
+jax = pytest.importorskip("jax")  # a development requirement
 
 WITHOUT_GPU = pytest.mark.skipif(jax.default_backend() == "gpu", reason="there is a graphics processor")
 TABLES = {
