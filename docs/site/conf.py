@@ -43,6 +43,7 @@ html_title = f"PlenoPIV {release}"
 html_static_path = [str(ROOT / "build" / "site" / "source" / "_static")]
 html_css_files = ["site.css"]
 html_extra_path = [str(ROOT / "build" / "site" / "source" / "_extra")]
+html_show_search_summary = False  # pages that are files cannot fetch one another
 html_copy_source = html_show_sourcelink = False
 html_theme_options = {"navigation_with_keys": True, "top_of_page_buttons": []}
 pygments_style, pygments_dark_style = "friendly", "native"
