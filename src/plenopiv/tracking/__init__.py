@@ -1,0 +1,1 @@
+"""Particles from raw pixels: positions, light and error bars of each, links between frames."""

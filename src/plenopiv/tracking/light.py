@@ -1,0 +1,152 @@
+"""The light of many particles in the pixels of a plenoptic camera, with its derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, cos, floor, pi, sin, sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import erf
+
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.errors import PlenoPIVError
+from plenopiv.threads import in_threads
+from plenopiv.tracking import light_kernels as kernels
+from plenopiv.tracking.light_kernels import LightConstants
+
+WAVELENGTH_NM = 532.0  # of the lasers that particles are lit by
+SHARPEST_PX = 0.05  # standard deviation of a boundary that nothing blurs: sharper ones would need more nodes
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Lights:
+    """Where the light of n points goes. Entries ``start[i]`` to ``start[i + 1]`` are point i's.
+
+    ``start`` (n + 1,); ``pixel`` (m,), row * columns + column of an upright image; ``share`` (m,) of the point's light;
+    ``gradient`` (m, 3): change of the share per mm of x, y, z. A pixel that two microlenses of a point light is listed
+    twice.
+    """
+
+    start: NDArray[np.int64]
+    pixel: NDArray[np.int32]
+    share: NDArray[np.float32]
+    gradient: NDArray[np.float32]
+
+    @property
+    def point(self) -> NDArray[np.int64]:
+        """Which point each entry is of (m,)."""
+        return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
+
+    def whole(self) -> Array:
+        """The share of each point's light that falls on the sensor (n,)."""
+        return np.asarray(np.bincount(self.point, self.share, len(self.start) - 1), np.float64)
+
+
+def diffraction_px(camera: PlenopticCamera, wavelength_nm: float = WAVELENGTH_NM) -> float:
+    """Standard deviation in pixels of the Gaussian nearest to a microlens' Airy disc, 0.42 lambda f_l / p_l."""
+    blur_mm = 0.42e-6 * wavelength_nm * camera.microlens_focal_length_mm / camera.lattice.pitch_mm
+    return blur_mm / camera.sensor.pixel_pitch_mm
+
+
+class PointLights:
+    """Makes the ``Lights`` of points for one camera.
+
+    ``blur_px``: standard deviation of the Gaussian that blurs micro-images, by default ``diffraction_px`` of green
+    light.
+    """
+
+    def __init__(self, camera: PlenopticCamera, blur_px: float | None = None):
+        self.camera = camera
+        self.blur_px = max(diffraction_px(camera) if blur_px is None else blur_px, SHARPEST_PX)
+        self._centres, self._cell, self._cam = _constants(camera, self.blur_px)
+        self._tables = _tables(self.blur_px)
+
+    def __call__(self, position_mm: ArrayLike) -> Lights:
+        """The light of points at ``position_mm`` (n, 3), x, y, z in mm.
+
+        Raises:
+            PlenoPIVError: a point is not in front of the main lens, or not a number.
+        """
+        position = np.ascontiguousarray(position_mm, np.float64).reshape(-1, 3)
+        nearest = self.camera.main_lens.object_distance_mm
+        if not (np.isfinite(position).all() and (position[:, 2] < nearest).all()):
+            raise PlenoPIVError(f"tracking: a particle is not in front of the main lens at z = {nearest:g} mm")
+        start, count = np.zeros(len(position) + 1, np.int64), np.empty(len(position), np.int64)
+        nothing = np.empty(0, np.int32), np.empty(0, np.float32), np.empty((0, 3), np.float32)
+        fixed = self._cam, self._centres, self._cell, *self._tables, position
+        in_threads(kernels.light_of_points, len(position), *fixed, True, start, count, *nothing)
+        np.cumsum(count, out=start[1:])
+        filled = (
+            np.empty(start[-1], np.int32),
+            np.empty(start[-1], np.float32),
+            np.empty((start[-1], 3), np.float32),
+        )
+        in_threads(kernels.light_of_points, len(position), *fixed, False, start, count, *filled)
+        return Lights(start, *filled)
+
+
+def _constants(camera: PlenopticCamera, blur_px: float) -> tuple[Array, Array, LightConstants]:
+    """Centres of the microlenses (nj, ni, 2), corners of a cell (n, 2), clockwise, and the other constants."""
+    lattice, sensor, lens = camera.lattice.aligned(), camera.sensor, camera.main_lens
+    half_s, half_t = 0.5 * sensor.columns * sensor.pixel_pitch_mm, 0.5 * sensor.rows * sensor.pixel_pitch_mm
+    s, t = np.array([-half_s, half_s, -half_s, half_s]), np.array([-half_t, -half_t, half_t, half_t])
+    a, b = lattice.coordinates(s, t)
+    b = b / lattice.row_spacing
+    i0, i1, j0, j1 = floor(a.min()) - 2, ceil(a.max()) + 2, floor(b.min()) - 2, ceil(b.max()) + 2
+    j, i = np.mgrid[j0 : j1 + 1, i0 : i1 + 1]
+    centres = np.stack(lattice.centres(i, j), -1)
+    moved = centres - np.stack(lattice.regular_centres(i, j), -1)
+    sides = 6 if lattice.kind == "hexagonal" else 4
+    far = lattice.pitch_mm / (2.0 * cos(pi / sides))
+    turned = lattice.rotation_rad + pi / sides - 2.0 * pi / sides * np.arange(sides)
+    cell = far * np.stack([np.cos(turned), np.sin(turned)], -1)
+    if lattice.map is not None:  # cells are stretched as the array is, taken where it is on the optical axis
+        cell = cell + np.stack(lattice.map.displacement(*cell.T), -1)
+    column0, row0 = sensor.axis
+    return (
+        np.ascontiguousarray(centres),
+        cell,
+        LightConstants(
+            lattice.kind == "hexagonal",
+            cos(lattice.rotation_rad),
+            sin(lattice.rotation_rad),
+            lattice.pitch_mm,
+            lattice.row_spacing,
+            float(lattice.offset_mm[0]),
+            float(lattice.offset_mm[1]),
+            int(i0),
+            int(j0),
+            camera.image_scale,
+            0.5 * lens.aperture_mm,
+            sensor.pixel_pitch_mm,
+            column0,
+            row0,
+            sensor.columns,
+            sensor.rows,
+            lens.object_distance_mm,
+            lens.image_distance_mm,
+            lens.focal_length_mm,
+            0.5 + kernels.TAIL * blur_px,
+            0.5 + kernels.EDGE * blur_px,
+            sides,
+            float(np.hypot(*moved.T).max()) / lattice.pitch_mm,
+        ),
+    )
+
+
+def _tables(blur_px: float) -> tuple[Array, Array]:
+    """k and its integral K on -tail ... tail, ``PER_PX`` entries a pixel."""
+    tail = 0.5 + kernels.TAIL * blur_px
+    at = np.arange(ceil(2 * tail * kernels.PER_PX) + 2) / kernels.PER_PX - tail
+
+    def normal(x: Array) -> Array:
+        return 0.5 * (1.0 + np.asarray(erf(x / sqrt(2.0))))
+
+    def twice(x: Array) -> Array:  # integral of the normal distribution's integral
+        return x * normal(x) + np.exp(-0.5 * x * x) / sqrt(2.0 * pi)
+
+    above, below = (at + 0.5) / blur_px, (at - 0.5) / blur_px
+    return normal(above) - normal(below), blur_px * (twice(above) - twice(below))
