@@ -27,6 +27,7 @@ from plenopiv.experiment.tables import (
     Table,
     VolumeTable,
 )
+from plenopiv.experiment.tracking_table import TrackingTable
 from plenopiv.lattice import Lattice
 from plenopiv.recording import Recording
 from plenopiv.recording.pairs import Pairs, sequence
@@ -49,6 +50,7 @@ class Experiment(Table):
     reconstruction: ReconstructionTable = ReconstructionTable()
     correlation: CorrelationTable
     compute: ComputeTable = ComputeTable()
+    tracking: TrackingTable | None = None
     output: OutputTable = OutputTable()
     simulation: SimulationTable | None = None
     _path: Path = PrivateAttr(default=Path("experiment.toml"))

@@ -30,7 +30,7 @@ def stated_inputs(experiment: Experiment, recording: Recording, force: bool, dev
     calibrate, of target, mask and body. ``device``: what ``experiment.compute`` asks for, as it was found.
     """
     tables = experiment.model_dump(by_alias=True, exclude_none=True)
-    for name in ("simulation", "compute"):
+    for name in ("simulation", "compute", "tracking"):  # the last is another command's
         tables.pop(name, None)
     tables["output"].pop("directory", None)
     return {

@@ -61,7 +61,7 @@ class PointLights:
     def __init__(self, camera: PlenopticCamera, blur_px: float | None = None):
         self.camera = camera
         self.blur_px = max(diffraction_px(camera) if blur_px is None else blur_px, SHARPEST_PX)
-        self._centres, self._cell, self._cam = _constants(camera, self.blur_px)
+        self._centres, self._cell, self.constants = _constants(camera, self.blur_px)
         self._tables = _tables(self.blur_px)
 
     def __call__(self, position_mm: ArrayLike) -> Lights:
@@ -76,7 +76,7 @@ class PointLights:
             raise PlenoPIVError(f"tracking: a particle is not in front of the main lens at z = {nearest:g} mm")
         start, count = np.zeros(len(position) + 1, np.int64), np.empty(len(position), np.int64)
         nothing = np.empty(0, np.int32), np.empty(0, np.float32), np.empty((0, 3), np.float32)
-        fixed = self._cam, self._centres, self._cell, *self._tables, position
+        fixed = self.constants, self._centres, self._cell, *self._tables, position
         in_threads(kernels.light_of_points, len(position), *fixed, True, start, count, *nothing)
         np.cumsum(count, out=start[1:])
         filled = (

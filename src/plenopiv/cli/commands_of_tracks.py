@@ -1,0 +1,25 @@
+"""Commands on particles and tracks: more of ``cli.app``, which they join when ``plenopiv.cli`` is imported."""
+
+from __future__ import annotations
+
+from plenopiv.cli.app import ExperimentFile, Overwrite, _finish
+from plenopiv.cli.commands_of_results import app
+
+
+@app.command()
+def track(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
+    """Track particles: positions from raw pixels with an error bar each, and links between the frames of a pair.
+
+    Frames are reconstructed and correlated as by plenopiv run. Particles begin at the peaks of the volume and are
+    fitted to the raw pixels, all that share pixels together; others are looked for in the light that is left. Links
+    follow the correlation's displacement. Writes tracks.nc into the output folder: x, y, z in mm, u, v, w in m/s,
+    standard deviations, covariance, light, frame and track_id of each particle (obs).
+
+    \b
+    Example:
+        plenopiv track run7/experiment.toml
+        python -c "import xarray; print(xarray.open_dataset('run7/results/tracks.nc'))"
+    """
+    from plenopiv.cli.track import track
+
+    _finish("track", track(experiment, overwrite))

@@ -1,0 +1,97 @@
+"""Covariance of particles among their neighbours, from the normal equations of all."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import bsr_array
+
+from plenopiv.kernels import plain_kernel, plain_part
+from plenopiv.threads import in_threads
+
+NEIGHBOURS = 31  # that share most information with a particle; the rest are taken as known
+TINY = 1e-9  # of a parameter's information, added so that what nothing determines stays finite
+
+Array = NDArray[np.float64]
+
+
+@plain_part
+def _schur_of_last(matrix: NDArray[np.float64], size: int) -> None:
+    """Cholesky's factor of a matrix (size, size) in its lower triangle, but for its last four rows and columns: these
+    become the Schur complement, lower triangle."""
+    for j in range(size - 4):
+        root = sqrt(matrix[j, j])
+        for i in range(j, size):
+            matrix[i, j] /= root
+        for k in range(j + 1, size):
+            factor = matrix[k, j]
+            if factor != 0.0:
+                for i in range(k, size):
+                    matrix[i, k] -= matrix[i, j] * factor
+
+
+@plain_kernel
+def _of_particles(
+    begin: int, end: int,
+    start: NDArray[np.int64], neighbour: NDArray[np.int64], block: NDArray[np.float64],  # the normal equations' blocks
+    own: NDArray[np.int64],  # (n,): which block is a particle's own
+    most: int,
+    information: NDArray[np.float64],  # (n, 4, 4), filled
+) -> None:  # fmt: skip
+    """Information on particles ``begin`` to ``end``: the Schur complement in which the parameters of
+    ``most`` neighbours, those that are coupled most strongly, are free."""
+    size = 4 * (most + 1)
+    matrix = np.empty((size, size))
+    chosen, place = np.empty(most + 1, np.int64), np.full(own.size, -1, np.int64)
+    for n in range(begin, end):
+        count = start[n + 1] - start[n]
+        coupling = np.zeros(count)
+        for e in range(count):
+            j, b = neighbour[start[n] + e], block[start[n] + e]
+            if j != n:
+                for p in range(4):
+                    for q in range(4):
+                        coupling[e] += b[p, q] * b[p, q] / (block[own[n], p, p] * block[own[j], q, q])
+        order = np.argsort(-coupling)
+        m = 0
+        for e in order:
+            if m < most and neighbour[start[n] + e] != n:
+                chosen[m] = neighbour[start[n] + e]
+                m += 1
+        chosen[m] = n  # last, so that its Schur complement is left where the elimination ends
+        m += 1
+        for a in range(m):
+            place[chosen[a]] = a
+        matrix[: 4 * m, : 4 * m] = 0.0
+        for a in range(m):
+            j = chosen[a]
+            for e in range(start[j], start[j + 1]):
+                c = place[neighbour[e]]
+                if c >= 0:
+                    for p in range(4):
+                        for q in range(4):
+                            matrix[4 * a + p, 4 * c + q] = block[e, p, q]
+        for a in range(m):
+            place[chosen[a]] = -1
+        for p in range(4 * m):
+            matrix[p, p] *= 1.0 + TINY
+        _schur_of_last(matrix, 4 * m)
+        for p in range(4):
+            for q in range(4):
+                information[n, p, q] = matrix[4 * m - 4 + max(p, q), 4 * m - 4 + min(p, q)]
+
+
+def covariance_of(normal: bsr_array, neighbours: int = NEIGHBOURS) -> Array:
+    """Covariance (n, 4, 4) of each particle's parameters, in the units of the normal equations ``normal`` (4n, 4n, in
+    blocks, with sorted indices): those of ``neighbours`` that share most information with it are free as well."""
+    n = normal.indptr.size - 1
+    row = np.repeat(np.arange(n), np.diff(normal.indptr))
+    own = np.flatnonzero(row == normal.indices)
+    information = np.empty((n, 4, 4))
+    blocks = normal.indptr.astype(np.int64), normal.indices.astype(np.int64), normal.data
+    in_threads(_of_particles, n, *blocks, own, neighbours, information)
+    scale = np.sqrt(np.einsum("nii->ni", information))
+    inverse = np.linalg.inv(information / scale[:, :, None] / scale[:, None, :])
+    return np.asarray(inverse / scale[:, :, None] / scale[:, None, :])

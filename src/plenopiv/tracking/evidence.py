@@ -1,0 +1,51 @@
+"""Which fitted particles the pixels speak for: those that are not are left out.
+
+A particle of light E whose variance is s^2, the light and places of its neighbours free as well, lowers chi^2 by
+E^2 / s^2 against a fit without it. LEAST is what four more parameters reach by chance at one of a million places
+(chi^2 of four degrees of freedom: 5e-7). Where the pixels scatter more than their noise, chi^2 is taken relative to
+what it is there. Of two particles in the place of one each speaks against the other: the weakest goes first, and those
+that it is coupled with are judged again after the next fit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.tracking.refine import Fit
+
+LEAST = 35.0  # by which a particle lowers chi^2
+COUPLED = 0.1  # share of information in common above which of two weak particles only the weaker goes
+
+Array = NDArray[np.float64]
+
+
+def misfit(fit: Fit, usable: NDArray[np.bool_]) -> Array:
+    """Of each particle (n,) the mean of chi^2 of its pixels, weighed with its light in them; about 1 where the model
+    holds."""
+    lights = fit.lights
+    chi2 = np.where(usable, fit.residual**2 / fit.variance, 0.0)[lights.pixel]
+    weight = lights.share * usable[lights.pixel]
+    n = len(fit.light)
+    return np.asarray(
+        np.bincount(lights.point, weight * chi2, n) / np.maximum(np.bincount(lights.point, weight, n), 1e-9)
+    )
+
+
+def without_evidence(fit: Fit, covariance: Array, misfits: Array) -> NDArray[np.bool_]:
+    """Which particles (n,) are to be left out. ``covariance`` (n, 4, 4) in units of the normal equations."""
+    evidence = 1.0 / np.maximum(covariance[:, 3, 3], 1e-30) / np.maximum(misfits, 1.0)
+    weak = evidence < LEAST
+    normal = fit.normal
+    row = np.repeat(np.arange(len(weak)), np.diff(normal.indptr))
+    both = np.flatnonzero(weak[row] & weak[normal.indices] & (row != normal.indices))
+    own = np.flatnonzero(row == normal.indices)
+    i, j = row[both], normal.indices[both]
+    blocks, scale = normal.data[both], np.sqrt(np.einsum("nii->ni", normal.data[own]))
+    common = (blocks / scale[i][:, :, None] / scale[j][:, None, :]) ** 2
+    strong = common.sum((1, 2)) > COUPLED
+    out = weak.copy()
+    i, j = i[strong], j[strong]
+    stays = (evidence[i] > evidence[j]) | ((evidence[i] == evidence[j]) & (i > j))
+    out[i[stays]] = False
+    return out

@@ -1,0 +1,96 @@
+"""All particles of one frame: first guess, joint fit, particles left out and found in what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.tracking.covariance import covariance_of
+from plenopiv.tracking.evidence import misfit, without_evidence
+from plenopiv.tracking.light import PointLights
+from plenopiv.tracking.pixels import Pixels
+from plenopiv.tracking.refine import UNIT_MM, Fit, Prior, fit_light, prior_std_mm, refine
+from plenopiv.tracking.search import places_of_light
+from plenopiv.volume import Limits
+
+ROUNDS = 8  # of fitting and searching, at most
+STEPS = 3  # Gauss-Newton iterations of a round
+LAST_STEPS = 6
+FIRST_LIGHT = 0.5  # of the median particle's, of a particle that is found in what is left
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class FrameParticles:
+    """Particles of one frame.
+
+    ``position_mm`` (n, 3); ``light`` (n,), counts of all pixels together; ``covariance`` (n, 4, 4) of x, y, z (mm) and
+    light (counts), larger where pixels scatter more than their noise; ``misfit`` (n,), chi^2 of a particle's pixels per
+    pixel; ``chi2``: that of all lit pixels.
+    """
+
+    position_mm: Array
+    light: Array
+    covariance: Array
+    misfit: Array
+    chi2: float
+
+
+def particles_of_frame(
+    of_points: PointLights,
+    pixels: Pixels,
+    position_mm: Array,
+    light: Array,
+    limits_mm: Limits,
+    progress: Progress | None = None,
+) -> FrameParticles:
+    """The particles of one frame from a first guess of positions (n, 3) mm and light (n,) counts; others are looked for
+    within ``limits_mm``."""
+    prior = Prior(position_mm, prior_std_mm(of_points.camera))
+    light = fit_light(of_points, pixels, position_mm, light)
+    position = position_mm
+    for done in range(ROUNDS):
+        fit = refine(of_points, pixels, position, light, prior, STEPS)
+        pixels = _with_background(pixels, fit)
+        out = without_evidence(fit, covariance_of(fit.normal), misfit(fit, pixels.usable))
+        position, light, first = fit.position_mm[~out], fit.light[~out], prior.position_mm[~out]
+        excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
+        new, _ = places_of_light(of_points, excess, limits_mm)
+        if progress is not None:
+            progress(done + 1, ROUNDS + 1)
+        typical = float(np.median(light))
+        if len(new) == 0 and not out.any():
+            break
+        position, first = np.concatenate([position, new]), np.concatenate([first, new])
+        light = np.concatenate([light, np.full(len(new), FIRST_LIGHT * typical)])
+        prior = Prior(first, prior.std_mm)
+    fit = refine(of_points, pixels, position, light, prior, LAST_STEPS)
+    return _judged(fit, pixels)
+
+
+def _with_background(pixels: Pixels, fit: Fit) -> Pixels:
+    unlit = np.ones(len(pixels.counts), bool)
+    unlit[fit.lights.pixel] = False
+    return pixels.with_background_where(unlit)
+
+
+def _judged(fit: Fit, pixels: Pixels) -> FrameParticles:
+    """What the last fit found, without particles that the pixels do not speak for."""
+    covariance, off = covariance_of(fit.normal), misfit(fit, pixels.usable)
+    kept = ~without_evidence(fit, covariance, off)
+    unit = np.concatenate([np.broadcast_to(UNIT_MM, (len(fit.light), 3)), fit.light[:, None]], 1)[kept]
+    lit = np.zeros(len(pixels.counts), bool)
+    lit[fit.lights.pixel] = True
+    lit &= pixels.usable
+    return FrameParticles(
+        fit.position_mm[kept],
+        fit.light[kept],
+        covariance[kept] * unit[:, :, None] * unit[:, None, :] * np.maximum(off[kept], 1.0)[:, None, None],
+        off[kept],
+        float(np.mean(fit.residual[lit] ** 2 / fit.variance[lit])),
+    )

@@ -1,0 +1,148 @@
+"""Which particle of one frame is which of the next: links.
+
+A predictor, the displacement that correlation found, says where a particle of the first frame is to be looked for. What
+it leaves, flow that a window does not resolve and its own errors, is learnt from the links themselves: its scatter over
+the volume, and where enough neighbours are linked its mean around each particle. A pair costs
+
+    d^T (C_a + C_b + S)^-1 d + (ln light ratio)^2 / variance,
+
+d the distance from the predicted place, C the covariances of both positions, S the scatter. All links together are the
+cheapest assignment, one to one, where not to link costs GATE (Kuhn 1955). A link is left out where another partner
+would have cost little more, or where it departs from its neighbours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import min_weight_full_bipartite_matching
+from scipy.spatial import cKDTree
+
+from plenopiv.tracking.frame import FrameParticles
+
+GATE = 25.0  # cost of a particle that is not linked: 4 degrees of freedom exceed it once in 20,000
+CLEAR = 6.0  # by which another partner must cost more than the one that is taken
+ROUNDS = 3
+NEIGHBOURS = 12  # linked particles around, whose mean departure from the predictor is taken for a particle's own
+LIGHT_STD = 0.1  # of ln light between frames beyond the covariances: light sheets are not quite even
+MAD_TO_STD = 1.4826
+
+Array = NDArray[np.float64]
+Predictor = Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class Links:
+    """Particle ``a[k]`` of one frame is ``b[k]`` of the next. ``cost`` (k,), ``scatter_mm`` (3,): standard deviation of
+    what the predictor leaves."""
+
+    a: NDArray[np.int64]
+    b: NDArray[np.int64]
+    cost: Array
+    scatter_mm: Array
+
+
+def link(
+    first: FrameParticles, second: FrameParticles, displacement_mm: Predictor, scatter_mm: Array, most_mm: float
+) -> Links:
+    """Link the particles of two frames.
+
+    ``displacement_mm``: of points (n, 3) mm at mid-time (n, 3) mm; ``scatter_mm`` (3,): a first guess of how far
+    particles may be from where it says, one standard deviation; ``most_mm``: the largest displacement of a particle.
+    """
+    predicted = np.zeros_like(first.position_mm)
+    for _ in range(3):  # the predictor is known at the middle of the way
+        predicted = displacement_mm(first.position_mm + 0.5 * predicted)
+    scatter, departure = np.asarray(scatter_mm, np.float64), np.zeros_like(predicted)
+    ratio = _ratio_of_light(first, second)
+    found = Links(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), scatter)
+    for _ in range(ROUNDS):
+        found = _assigned(first, second, predicted + departure, scatter, ratio, most_mm)
+        if len(found.a) <= NEIGHBOURS + 1:
+            return found
+        left = second.position_mm[found.b] - first.position_mm[found.a] - predicted[found.a]
+        departure, around = _of_neighbours(first.position_mm, found.a, left)
+        own = left - departure[found.a]
+        noise = np.einsum("nii->ni", first.covariance[found.a] + second.covariance[found.b])[:, :3]
+        spread = (MAD_TO_STD * np.median(np.abs(own), 0)) ** 2 - np.median(noise, 0)
+        scatter = np.sqrt(np.maximum(spread, 0.0) + np.median(around, 0) ** 2 / NEIGHBOURS + 1e-12)
+    return found
+
+
+def _ratio_of_light(first: FrameParticles, second: FrameParticles) -> float:
+    """Logarithm of the second pulse's light over the first's."""
+    if len(first.light) == 0 or len(second.light) == 0:
+        return 0.0
+    return float(np.log(np.median(second.light) / np.median(first.light)))
+
+
+def _of_neighbours(position: Array, linked: NDArray[np.int64], left: Array) -> tuple[Array, Array]:
+    """Median departure (n, 3) of the linked neighbours of each particle, itself left out, and how much theirs scatter
+    (n, 3)."""
+    tree = cKDTree(position[linked])
+    _, near = tree.query(position, NEIGHBOURS + 1)
+    itself = linked[near] == np.arange(len(position))[:, None]
+    values = np.where(itself[:, :, None], np.nan, left[near])
+    middle = np.nanmedian(values, 1)
+    return middle, MAD_TO_STD * np.nanmedian(np.abs(values - middle[:, None]), 1)
+
+
+def _assigned(
+    first: FrameParticles, second: FrameParticles, expected: Array, scatter: Array, ratio: float, most_mm: float
+) -> Links:
+    """The cheapest links to where particles are ``expected`` to be displaced by (n, 3) mm."""
+    a, b = _within(first, second, expected, scatter)
+    moved = second.position_mm[b] - first.position_mm[a]
+    covariance = first.covariance[a][:, :3, :3] + second.covariance[b][:, :3, :3] + np.diag(scatter**2)
+    off = moved - expected[a]
+    cost = np.einsum("ni,ni->n", off, np.linalg.solve(covariance, off[:, :, None])[:, :, 0])
+    brighter = np.log(second.light[b] / first.light[a]) - ratio
+    relative = first.covariance[a, 3, 3] / first.light[a] ** 2 + second.covariance[b, 3, 3] / second.light[b] ** 2
+    cost += brighter**2 / (relative + LIGHT_STD**2)
+    kept = (cost < GATE) & ((moved**2).sum(1) <= most_mm**2)
+    a, b, cost = a[kept], b[kept], cost[kept]
+    n, m = len(first.light), len(second.light)
+    if len(a) == 0:
+        return Links(a, b, cost, scatter)
+    # each particle may stay alone at the price of the gate: a column of its own
+    rows, columns = np.concatenate([a, np.arange(n)]), np.concatenate([b, m + np.arange(n)])
+    price = np.concatenate([cost, np.full(n, GATE)]) + 1.0
+    taken_row, taken = min_weight_full_bipartite_matching(csr_array((price, (rows, columns)), shape=(n, m + n)))
+    partner = np.full(n, -1)
+    partner[taken_row] = np.where(taken < m, taken, -1)
+    chosen = partner[a] == b
+    clear = _clear(a, b, cost, chosen, n, m)
+    a, b, cost = a[chosen & clear], b[chosen & clear], cost[chosen & clear]
+    return Links(a, b, cost, scatter)
+
+
+def _within(
+    first: FrameParticles, second: FrameParticles, expected: Array, scatter: Array
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs that may cost less than the gate: each axis within sqrt(GATE) standard deviations."""
+    position = first.position_mm + expected
+    reach = np.sqrt(GATE) * np.sqrt(
+        scatter**2
+        + np.einsum("nii->ni", first.covariance)[:, :3]
+        + np.max(np.einsum("nii->ni", second.covariance)[:, :3], 0, initial=0.0)
+    )
+    unit = np.median(reach, 0)
+    tree = cKDTree(second.position_mm / unit)
+    near = tree.query_ball_point(position / unit, (reach / unit).max(1), p=np.inf)
+    a = np.repeat(np.arange(len(position)), [len(each) for each in near])
+    b = np.concatenate([np.asarray(each, np.int64) for each in near]) if len(near) else np.empty(0, np.int64)
+    return a.astype(np.int64), b.astype(np.int64)
+
+
+def _clear(
+    a: NDArray[np.int64], b: NDArray[np.int64], cost: Array, chosen: NDArray[np.bool_], n: int, m: int
+) -> NDArray[np.bool_]:
+    """Of each candidate, whether all others of both its particles cost CLEAR more."""
+    other_a, other_b = np.full(n, np.inf), np.full(m, np.inf)
+    np.minimum.at(other_a, a[~chosen], cost[~chosen])
+    np.minimum.at(other_b, b[~chosen], cost[~chosen])
+    return np.minimum(other_a[a], other_b[b]) > cost + CLEAR

@@ -1,0 +1,81 @@
+"""The normal equations of particles that share pixels: sums over pixels, block by block.
+
+Particle i and particle j are coupled by the block  sum_p J_ip^T J_jp  over the pixels that both light, J the whitened
+derivatives of a pixel's light by the four unknowns of a particle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.kernels import kernel
+
+Int = NDArray[np.int64]
+
+
+@kernel
+def entries_of_pixels(pixel: NDArray[np.int32], pixel_start: Int, entry: NDArray[np.int32]) -> None:
+    """Sort entries by their pixel. ``pixel_start`` (pixels + 1,), zeros on entry: where each one's begin in ``entry``
+    (m,); both filled."""
+    for e in range(pixel.size):
+        pixel_start[pixel[e] + 1] += 1
+    for p in range(pixel_start.size - 1):
+        pixel_start[p + 1] += pixel_start[p]
+    following = pixel_start.copy()
+    for e in range(pixel.size):
+        p = pixel[e]
+        entry[following[p]] = e
+        following[p] += 1
+
+
+@kernel
+def count_neighbours(
+    begin: int, end: int, start: Int, pixel: NDArray[np.int32], particle: NDArray[np.int32], pixel_start: Int,
+    entry: NDArray[np.int32], count: Int,
+) -> None:  # fmt: skip
+    """How many particles, itself among them, share pixels with each of the particles ``begin`` to ``end``."""
+    seen = np.full(count.size, -1, np.int64)
+    for i in range(begin, end):
+        found = 0
+        for e in range(start[i], start[i + 1]):
+            for k in range(pixel_start[pixel[e]], pixel_start[pixel[e] + 1]):
+                j = particle[entry[k]]
+                if seen[j] != i:
+                    seen[j] = i
+                    found += 1
+        count[i] = found
+
+
+@kernel
+def sum_blocks(
+    begin: int, end: int, start: Int, pixel: NDArray[np.int32], particle: NDArray[np.int32], pixel_start: Int,
+    entry: NDArray[np.int32],
+    whitened: NDArray[np.float32],  # (m, 4)
+    block_start: Int,  # (n + 1,)
+    neighbour: NDArray[np.int32],  # (blocks,), filled
+    block: NDArray[np.float64],  # (blocks, 4, 4), zeros on entry, filled
+) -> None:  # fmt: skip
+    """Sum the blocks of the particles ``begin`` to ``end``, in the order in which neighbours are met."""
+    where = np.full(start.size - 1, -1, np.int64)
+    for i in range(begin, end):
+        following = block_start[i]
+        for e in range(start[i], start[i + 1]):
+            a0, a1, a2, a3 = whitened[e, 0], whitened[e, 1], whitened[e, 2], whitened[e, 3]
+            for k in range(pixel_start[pixel[e]], pixel_start[pixel[e] + 1]):
+                f = entry[k]
+                j = particle[f]
+                at = where[j]
+                if at < 0:
+                    at = following
+                    where[j] = at
+                    neighbour[at] = j
+                    following += 1
+                for q in range(4):
+                    b = whitened[f, q]
+                    block[at, 0, q] += a0 * b
+                    block[at, 1, q] += a1 * b
+                    block[at, 2, q] += a2 * b
+                    block[at, 3, q] += a3 * b
+        for at in range(block_start[i], following):
+            where[neighbour[at]] = -1

@@ -1,0 +1,180 @@
+"""Joint Gauss-Newton of particles on raw pixels.
+
+Pixel p expects  mu_p = background + sum_i E_i w_p(x_i)  counts and scatters with V_p = noise + gain * mu_p. Positions
+and light minimise
+
+    chi^2 = sum_p (counts_p - mu_p)^2 / V_p + sum_i |(x_i - prior_i) / prior std|^2 .
+
+Each iteration evaluates the exact light of every particle and its derivatives, and solves the normal equations of all
+particles at once: particles that share pixels are coupled by 4 x 4 blocks, so the matrix is sparse, and conjugate
+gradients with each particle's own block as preconditioner need a few tens of products. The prior keeps particles in the
+dead zone, whose depth no pixel tells, where they were first seen; it is wide against the error of any other.
+
+Source: Bjorck, *Numerical Methods for Least Squares Problems* (1996), sections 7.4 and 9.2; the same normal equations
+are the Fisher information of ``accuracy.bound``, so their inverse is the covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import bsr_array
+from scipy.sparse.linalg import LinearOperator, cg
+
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.threads import in_threads
+from plenopiv.tracking import normal_kernels
+from plenopiv.tracking.light import Lights, PointLights
+from plenopiv.tracking.pixels import Pixels
+
+Array = NDArray[np.float64]
+UNIT_MM = np.array([0.01, 0.01, 0.05])  # of the unknowns, so that all of a particle's information is of one order
+TOLERANCE, PRODUCTS = 1e-3, 80  # of conjugate gradients: the next iteration is a better one
+DAMPING = 1e-3  # of each particle's own information (Levenberg-Marquardt)
+LARGEST_STEP = np.array([1.2, 1.2, 1.6])  # units: farther the derivatives do not hold
+OUTLYING = 4.0  # standard deviations from which on pixels count less, as light of a particle not yet found (Huber 1981)
+LEAST_LIGHT = 1e-3  # of the median: light stays positive
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Where particles were first seen, (n, 3) mm, and how well that is known in the least: ``std_mm`` (3,)."""
+
+    position_mm: Array
+    std_mm: Array
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Particles fitted to the pixels: ``position_mm`` (n, 3), ``light`` (n,) counts; ``normal`` (4n, 4n), the normal
+    equations in units of UNIT_MM and of each one's light; ``lights``: where their light goes."""
+
+    position_mm: Array
+    light: Array
+    normal: bsr_array
+    lights: Lights
+    residual: Array
+    variance: Array
+
+
+def prior_std_mm(camera: PlenopticCamera) -> Array:
+    """Standard deviations (3,) of a particle somewhere in a dead zone: even within a microlens' cell, as the focal
+    plane sees it, and within the zone's depth."""
+    across = camera.lattice.pitch_mm / abs(camera.main_lens.magnification) / 12.0**0.5
+    low, high = camera.dead_zone_mm()
+    return np.array([across, across, 0.5 * (high - low) / 3.0**0.5])
+
+
+def refine(
+    of_points: PointLights, pixels: Pixels, position_mm: Array, light: Array, prior: Prior, iterations: int
+) -> Fit:
+    """Fit particles by ``iterations`` of Gauss-Newton from positions (n, 3) mm and light (n,) counts."""
+    position, light = position_mm.copy(), light.copy()
+    for done in range(iterations + 1):
+        lights = of_points(position)
+        residual, variance = _residual(lights, pixels, light)
+        believed = variance * np.maximum(np.abs(residual) / np.sqrt(variance) / OUTLYING, 1.0)
+        normal, slope = _equations(lights, pixels.usable, light, residual, believed)
+        if done == iterations:
+            break
+        own = _with_prior(normal, slope, position, prior)
+        step = _solved(normal, own, slope)
+        position += UNIT_MM * np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
+        least = LEAST_LIGHT * float(np.median(light))
+        light = np.maximum(light * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
+    _with_prior(normal, slope, position, prior)
+    return Fit(position, light, normal, lights, residual, variance)
+
+
+def fit_light(of_points: PointLights, pixels: Pixels, position_mm: Array, light: Array, rounds: int = 3) -> Array:
+    """The light (n,) in counts that fits best where positions are given; not negative."""
+    lights = of_points(position_mm)
+    for _ in range(rounds):
+        residual, variance = _residual(lights, pixels, light)
+        weight = np.where(pixels.usable, 1.0 / variance, 0.0)[lights.pixel]
+        share = bsr_array(
+            ((lights.share * np.sqrt(weight)).astype(np.float32)[:, None, None], lights.pixel, lights.start),
+            shape=(len(light), len(residual)),
+        ).tocsr()
+        normal = (share @ share.T).tocsr()
+        slope = np.bincount(lights.point, lights.share * weight * residual[lights.pixel], len(light))
+        own = np.maximum(normal.diagonal(), 1e-30).astype(np.float64)
+        step, _ = cg(
+            normal, slope, rtol=TOLERANCE, maxiter=PRODUCTS, M=LinearOperator(normal.shape, lambda v, d=own: v / d)
+        )
+        light = np.maximum(light + step, LEAST_LIGHT * float(np.median(light)))
+    return light
+
+
+def _residual(lights: Lights, pixels: Pixels, light: Array) -> tuple[Array, Array]:
+    """Counts that particles do not explain, and the variance, of each pixel."""
+    of_all = np.bincount(lights.pixel, light[lights.point] * lights.share, len(pixels.counts))
+    expected: Array = of_all.astype(np.float64)
+    return np.where(pixels.usable, pixels.counts - pixels.background - expected, 0.0), pixels.variance(expected)
+
+
+def _equations(
+    lights: Lights, usable: NDArray[np.bool_], light: Array, residual: Array, variance: Array
+) -> tuple[bsr_array, Array]:
+    """The normal equations of all particles: matrix (4n, 4n) in blocks, right side (n, 4)."""
+    n, m = len(light), len(lights.pixel)
+    weight = np.where(usable, 1.0 / np.sqrt(variance), 0.0)[lights.pixel]
+    scale = (light[lights.point] * weight).astype(np.float32)
+    whitened = np.empty((m, 4), np.float32)
+    whitened[:, :3] = lights.gradient * UNIT_MM.astype(np.float32)
+    whitened[:, 3] = lights.share
+    whitened *= scale[:, None]
+    pixel_start, entry = np.zeros(len(residual) + 1, np.int64), np.empty(m, np.int32)
+    normal_kernels.entries_of_pixels(lights.pixel, pixel_start, entry)
+    particle, count = lights.point.astype(np.int32), np.empty(n, np.int64)
+    shared = lights.start, lights.pixel, particle, pixel_start, entry
+    in_threads(normal_kernels.count_neighbours, n, *shared, count)
+    block_start = np.concatenate([[0], np.cumsum(count)])
+    neighbour, block = np.empty(block_start[-1], np.int32), np.zeros((block_start[-1], 4, 4))
+    in_threads(normal_kernels.sum_blocks, n, *shared, whitened, block_start, neighbour, block)
+    normal = bsr_array((block, neighbour, block_start), shape=(4 * n, 4 * n))
+    pull = (residual / np.sqrt(variance)).astype(np.float32)[lights.pixel]
+    slope = np.stack([np.bincount(lights.point, whitened[:, k] * pull, n) for k in range(4)], -1)
+    return normal, np.asarray(slope, np.float64)
+
+
+def _diagonal(normal: bsr_array) -> NDArray[np.int64]:
+    """Which of the blocks are the particles' own."""
+    row = np.repeat(np.arange(normal.indptr.size - 1), np.diff(normal.indptr))
+    return np.flatnonzero(row == normal.indices)
+
+
+def _with_prior(normal: bsr_array, slope: Array, position: Array, prior: Prior) -> Array:
+    """Add the prior to the equations, in place; the particles' own blocks (n, 4, 4)."""
+    own = _diagonal(normal)
+    information = (UNIT_MM / prior.std_mm) ** 2
+    for axis in range(3):
+        normal.data[own, axis, axis] += information[axis]
+    slope[:, :3] += information * (prior.position_mm - position) / UNIT_MM
+    return normal.data[own]
+
+
+def _solved(normal: bsr_array, own: Array, slope: Array) -> Array:
+    """The step (n, 4), in units, that solves the damped equations."""
+    diagonal = np.einsum("nii->ni", own)
+    damping = DAMPING * diagonal + 1e-12
+    inverse = np.linalg.inv(own + damping[:, :, None] * np.eye(4))
+    n = len(own)
+
+    def times(v: Array) -> Array:
+        return np.asarray(normal @ v) + damping.ravel() * v.ravel()
+
+    def precondition(v: Array) -> Array:
+        return np.asarray(np.einsum("nij,nj->ni", inverse, v.reshape(n, 4))).ravel()
+
+    shape = (4 * n, 4 * n)
+    step, _ = cg(
+        LinearOperator(shape, times),
+        slope.ravel(),
+        rtol=TOLERANCE,
+        maxiter=PRODUCTS,
+        M=LinearOperator(shape, precondition),
+    )
+    return np.asarray(step, np.float64).reshape(n, 4)

@@ -1,0 +1,114 @@
+"""Where a residual image still holds the light of particles: every place is asked what its pixels have in common.
+
+A place of the volume sends rays, one for about a pixel of its light, to the pixels that it would light. Each pixel says
+by how many standard deviations it is brighter than the particles known so far make it, at most MOST, so that a few
+bright pixels of another particle do not count as many. The sum over the square root of their number is a place's score:
+normal noise has 1. Local maxima above LEAST are returned, the highest within reach of each other alone; the rest is
+looked for again once these are fitted. Whether they are particles is decided after that (``evidence``).
+"""
+
+from __future__ import annotations
+
+from math import pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+from scipy.spatial import cKDTree
+
+from plenopiv.kernels import kernel
+from plenopiv.threads import in_threads
+from plenopiv.tracking.light import PointLights
+from plenopiv.tracking.light_kernels import LightConstants
+from plenopiv.volume import Limits
+
+MOST = 4.0  # standard deviations that one pixel counts at most
+LEAST = 9.0  # score of a place that is worth a fit; noise alone does not reach 6
+STEP_PITCHES = 0.4  # of places in the plane, in microlens pitches of the focal plane
+STEP_DEPTH = 2.0  # of places in depth, by how much the blur's diameter grows, in such steps
+APART_PITCHES = 1.6  # within which the highest maximum alone is taken
+
+Array = NDArray[np.float64]
+
+
+@kernel
+def _scores(
+    begin: int, end: int,
+    cam: LightConstants,
+    excess: NDArray[np.float32],  # (rows * columns,): standard deviations, clipped; NaN where a pixel cannot be used
+    x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], z_mm: NDArray[np.float64],
+    ray: NDArray[np.float64],  # (rays, 2): on the main lens, mm
+    score: NDArray[np.float32],  # (nz, ny, nx), filled
+) -> None:  # fmt: skip
+    """Scores of the rows ``begin`` to ``end`` of places, k * ny + j, on a regular lattice of microlenses."""
+    ny = y_mm.size
+    for row in range(begin, end):
+        k, j = row // ny, row % ny
+        distance = cam.object_distance - z_mm[k]
+        a = 1.0 + cam.image_distance / distance - cam.image_distance / cam.focal
+        b = -cam.image_distance / distance
+        for i in range(x_mm.size):
+            total, used = 0.0, 0
+            image_s, image_t = b * x_mm[i], b * y_mm[j]
+            for r in range(ray.shape[0]):
+                u, v = ray[r, 0], ray[r, 1]
+                ds, dt = a * u + image_s - cam.offset_s, a * v + image_t - cam.offset_t
+                along, across = (cam.cos * ds + cam.sin * dt) / cam.pitch, (cam.cos * dt - cam.sin * ds) / cam.pitch
+                if cam.hexagonal:
+                    low = np.floor(across / cam.row_spacing)
+                    odd = 0.5 * (np.int64(low) & 1)
+                    i0, i1 = np.floor(along - odd + 0.5) + odd, np.floor(along + odd) + 0.5 - odd
+                    up = across - low * cam.row_spacing
+                    down = cam.row_spacing - up
+                    lens_a, lens_b = i0, low * cam.row_spacing
+                    if (along - i1) ** 2 + down * down < (along - i0) ** 2 + up * up:
+                        lens_a, lens_b = i1, (low + 1.0) * cam.row_spacing
+                else:
+                    lens_a, lens_b = np.floor(along + 0.5), np.floor(across + 0.5)
+                lens_s = cam.offset_s + (cam.cos * lens_a - cam.sin * lens_b) * cam.pitch
+                lens_t = cam.offset_t + (cam.sin * lens_a + cam.cos * lens_b) * cam.pitch
+                e = cam.image_scale
+                column = int(np.floor(cam.column0 - (lens_s + e * (image_s - (1.0 - a) * u)) / cam.pixel + 0.5))
+                line = int(np.floor(cam.row0 + (lens_t + e * (image_t - (1.0 - a) * v)) / cam.pixel + 0.5))
+                if 0 <= column < cam.columns and 0 <= line < cam.rows:
+                    value = excess[line * cam.columns + column]
+                    if not np.isnan(value):
+                        total += value
+                        used += 1
+            score[k, j, i] = total / sqrt(float(used)) if 2 * used > ray.shape[0] else 0.0
+
+
+def places_of_light(of_points: PointLights, excess: Array, limits_mm: Limits) -> tuple[Array, Array]:
+    """Places (n, 3) in mm within ``limits_mm`` that may hold a particle more, and their scores (n,), best first.
+
+    ``excess`` (rows * columns,): standard deviations by which each pixel is brighter than the known particles make it;
+    NaN where it cannot be used.
+    """
+    camera = of_points.camera
+    pitch = camera.lattice.pitch_mm / abs(camera.main_lens.magnification)
+    step = STEP_PITCHES * pitch
+    radius = 0.5 * camera.main_lens.aperture_mm
+    deep = STEP_DEPTH * step / (2.0 * radius) * camera.main_lens.object_distance_mm
+    x, y, z = (_axis(lo, hi, d) for (lo, hi), d in zip(limits_mm, (step, step, deep), strict=True))
+    n = round(pi * camera.aperture_radius_px**2)
+    turn, r = 2.0 * pi * (sqrt(5.0) - 1.0) / 2.0 * np.arange(n), radius * 0.97 * np.sqrt((np.arange(n) + 0.5) / n)
+    ray = np.stack([r * np.cos(turn), r * np.sin(turn)], -1)
+    score = np.empty((z.size, y.size, x.size), np.float32)
+    clipped = np.clip(excess, -MOST, MOST).astype(np.float32)
+    in_threads(_scores, z.size * y.size, of_points.constants, clipped, x, y, z, ray, score)
+    top = (score == maximum_filter(score, 3, mode="constant")) & (score > LEAST)
+    k, j, i = np.nonzero(top)
+    order = np.argsort(-score[k, j, i], kind="stable")
+    place = np.stack([x[i], y[j], z[k]], -1)[order]
+    value = score[k, j, i][order].astype(np.float64)
+    taken = np.ones(len(place), bool)
+    if len(place):
+        near = cKDTree(place[:, :2]).query_ball_point(place[:, :2], APART_PITCHES * pitch)
+        for rank, others in enumerate(near):
+            taken[rank] = not any(taken[other] for other in others if other < rank)
+    return place[taken], value[taken]
+
+
+def _axis(lo: float, hi: float, step: float) -> Array:
+    count = max(int(np.ceil((hi - lo) / step)), 1)
+    return np.asarray(lo + (np.arange(count) + 0.5) * ((hi - lo) / count), np.float64)

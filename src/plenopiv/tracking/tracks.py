@@ -1,0 +1,88 @@
+"""Particles of all frames and their links as one dataset: tracks.nc."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.tracking.frame import FrameParticles
+from plenopiv.tracking.links import Links
+
+if TYPE_CHECKING:
+    import xarray
+
+Array = NDArray[np.float64]
+NAMES = ("x", "y", "z", "u", "v", "w")
+
+
+def tracks_dataset(
+    frames: Sequence[tuple[int, FrameParticles]], links: Sequence[tuple[int, int, Links]], dt_s: float
+) -> xarray.Dataset:
+    """All particles as an xarray Dataset with dimension ``obs``, one entry for each particle of each frame.
+
+    ``frames``: numbers from 0 and particles; ``links``: numbers of two frames ``dt_s`` apart and the links between
+    them. x, y, z in mm; u, v, w in m/s from the link to the next frame, or else from the one before, NaN without;
+    x_std ... w_std; covariance (obs, 6, 6) of x, y, z (mm) and u, v, w (m/s); light in counts, light_std; frame;
+    track_id, the same wherever a particle is seen, -1 without a link.
+    """
+    import xarray as xr
+
+    first = dict(zip([number for number, _ in frames], _starts([len(p.light) for _, p in frames]), strict=True))
+    total = sum(len(p.light) for _, p in frames)
+    position = np.concatenate([p.position_mm for _, p in frames]).reshape(-1, 3)
+    light = np.concatenate([p.light for _, p in frames])
+    own = np.concatenate([p.covariance for _, p in frames]).reshape(-1, 4, 4)
+    covariance = np.full((total, 6, 6), np.nan)
+    covariance[:, :3, :3] = own[:, :3, :3]
+    velocity, track = np.full((total, 3), np.nan), np.full(total, -1, np.int64)
+    rate = 1e-3 / dt_s  # mm per frame -> m/s
+    following = 0
+    for a_frame, b_frame, each in links:
+        a, b = first[a_frame] + each.a, first[b_frame] + each.b
+        fresh = track[a] < 0
+        track[a[fresh]] = following + np.arange(fresh.sum())
+        following += int(fresh.sum())
+        track[b] = track[a]
+        moved = (position[b] - position[a]) * rate
+        of_a, of_b = own[a][:, :3, :3], own[b][:, :3, :3]
+        for at, cross in ((a, -of_a * rate), (b, of_b * rate)):
+            velocity[at] = moved
+            covariance[at, 3:, 3:] = (of_a + of_b) * rate**2
+            covariance[at, :3, 3:] = cross
+            covariance[at, 3:, :3] = np.swapaxes(cross, 1, 2)
+    std = np.sqrt(np.einsum("nii->ni", covariance))
+    values = np.concatenate([position, velocity], 1)
+    variables: dict[str, tuple] = {}
+    for k, name in enumerate(NAMES):
+        units, what = ("mm", f"position along {name}") if k < 3 else ("m s-1", f"velocity along {'xyz'[k - 3]}")
+        variables[name] = (
+            "obs",
+            values[:, k],
+            {"units": units, "long_name": what, "ancillary_variables": f"{name}_std"},
+        )
+        variables[f"{name}_std"] = ("obs", std[:, k], {"units": units, "long_name": f"standard deviation of {name}"})
+    frame = np.repeat([number for number, _ in frames], [len(p.light) for _, p in frames])
+    variables |= {
+        "covariance": (
+            ("obs", "parameter", "parameter_2"),
+            covariance,
+            {"long_name": "covariance of x, y, z (mm) and u, v, w (m/s)"},
+        ),
+        "light": ("obs", light, {"units": "count", "long_name": "light of the particle in all pixels"}),
+        "light_std": ("obs", np.sqrt(own[:, 3, 3]), {"units": "count", "long_name": "standard deviation of light"}),
+        "misfit": ("obs", np.concatenate([p.misfit for _, p in frames]), {"long_name": "chi^2 of its pixels, each"}),
+        "frame": ("obs", frame.astype(np.int32), {"long_name": "number of the frame, from 0"}),
+        "track_id": (
+            "obs",
+            track,
+            {"long_name": "the same number wherever a particle is seen, -1 without a link"},
+        ),
+    }
+    return xr.Dataset(variables, coords={"parameter": list(NAMES), "parameter_2": list(NAMES)})
+
+
+def _starts(counts: Sequence[int]) -> list[int]:
+    return [0, *np.cumsum(counts).tolist()][:-1]

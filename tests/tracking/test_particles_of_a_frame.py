@@ -1,0 +1,111 @@
+"""Particles of one frame: alone, among others, and those that are not there."""
+
+import numba
+import numpy as np
+import pytest
+from particle_scenes import CAMERA, GAIN, LIMITS, VOXEL_MM, nearest, noisy, pixels_of, seeded
+from scipy.sparse import bsr_array
+
+from plenopiv.tracking.covariance import covariance_of
+from plenopiv.tracking.frame import particles_of_frame
+from plenopiv.tracking.light import PointLights
+from plenopiv.tracking.peaks import peaks
+from plenopiv.tracking.pixels import Pixels
+from plenopiv.tracking.refine import Prior, prior_std_mm, refine
+from plenopiv.volume import DenseVolume, VoxelGrid
+
+LIGHT = GAIN * 400.0 * 150.0  # counts of a particle
+
+
+@pytest.fixture(scope="module")
+def of_points():
+    return PointLights(CAMERA)
+
+
+@pytest.mark.parametrize("z", [-6.0, -1.5, 0.7, 3.9])
+def test_a_particle_alone_without_noise(of_points, z):
+    """Positions to 1e-3 voxel, from half a voxel away."""
+    place = np.array([[0.031, -0.087, z]])
+    lights = of_points(place)
+    light = np.bincount(lights.pixel, LIGHT * lights.share, CAMERA.sensor.rows * CAMERA.sensor.columns)
+    pixels = Pixels(light, np.ones(len(light), bool), 2.0, GAIN)
+    start = place + 0.5 * VOXEL_MM
+    fit = refine(of_points, pixels, start, np.array([0.7 * LIGHT]), Prior(start, prior_std_mm(CAMERA)), 12)
+    assert np.abs((fit.position_mm - place) / VOXEL_MM).max() < 1e-3
+    assert fit.light[0] == pytest.approx(LIGHT, rel=1e-3)
+
+
+@pytest.fixture(scope="module")
+def field(of_points):
+    """Particles at 1 ppm, and what is found of them from the truth put off by errors as those of MART's peaks, one
+    particle in ten left out and as many added."""
+    truth = seeded()
+    counts = noisy(truth.position_mm, truth.electrons)
+    rng = np.random.default_rng(0)
+    known = rng.random(len(truth.electrons)) > 0.1
+    start = truth.position_mm[known] + rng.normal(0.0, (0.15, 0.15, 0.25), (known.sum(), 3)) * VOXEL_MM
+    ghosts = rng.uniform(*np.transpose(LIMITS), (len(known) // 10, 3))
+    first = np.concatenate([start, ghosts])
+
+    return truth, particles_of_frame(of_points, pixels_of(counts), first, np.full(len(first), LIGHT), LIMITS)
+
+
+def test_particles_among_others(of_points, field):
+    truth, found = field
+    beyond = np.abs(truth.position_mm[:, 2]) > 0.46
+    judged = beyond & (of_points(truth.position_mm).whole() > 0.999)
+    partner = nearest(truth.position_mm, found.position_mm)
+    assert judged.sum() > 50
+    assert (partner[judged] >= 0).mean() > 0.95
+    alone = np.setdiff1d(np.arange(len(found.light)), partner)
+    assert (np.abs(found.position_mm[alone, 2]) > 0.46).sum() <= 0.02 * len(found.light)
+    both = judged & (partner >= 0)
+    error = (found.position_mm[partner[both]] - truth.position_mm[both]) / VOXEL_MM
+    assert (np.sqrt((error**2).mean(0)) < (0.05, 0.05, 0.08)).all()
+    std = np.sqrt(np.einsum("nii->ni", found.covariance))[partner[both], :3] / VOXEL_MM
+    assert 0.55 < (np.abs(error) < std).mean() < 0.82
+    assert (np.abs(error) < 2 * std).mean() > 0.88
+    light = found.light[partner[both]] / (GAIN * truth.electrons[both])
+    assert np.median(light) == pytest.approx(1.0, abs=0.01)
+    assert 0.8 < np.median(found.misfit) < 1.3
+
+
+def test_bits_do_not_depend_on_the_number_of_threads(of_points):
+    truth = seeded(0.15)
+    pixels, start = pixels_of(noisy(truth.position_mm, truth.electrons)), truth.position_mm + 0.2 * VOXEL_MM
+    threads, found = numba.get_num_threads(), []
+    try:
+        for count in (1, 2):
+            numba.set_num_threads(count)
+            found.append(particles_of_frame(of_points, pixels, start, np.full(len(start), LIGHT), LIMITS))
+    finally:
+        numba.set_num_threads(threads)
+    for name in ("position_mm", "light", "covariance"):
+        assert (getattr(found[0], name) == getattr(found[1], name)).all()
+
+
+def test_covariances_are_those_of_the_whole_inverse():
+    """Where all neighbours fit in, a particle's covariance is its block of the inverse."""
+    rng = np.random.default_rng(1)
+    tall = rng.normal(size=(60, 24))
+    dense = tall.T @ tall
+    dense += 10 * np.eye(24)
+    blocks = bsr_array(dense, blocksize=(4, 4))
+    inverse = np.linalg.inv(dense)
+    found = covariance_of(blocks)
+    for n in range(6):
+        assert found[n] == pytest.approx(inverse[4 * n : 4 * n + 4, 4 * n : 4 * n + 4], rel=1e-6)
+
+
+def test_peaks_of_a_volume():
+    grid = VoxelGrid((-1.0, 0.0, 2.0), (0.1, 0.1, 0.4), (70, 20, 24))
+    values = np.zeros(grid.shape, np.float32)
+    k, j, i = np.mgrid[:70, :20, :24]
+    true = np.array([[7.3, 9.8, 12.1], [31.6, 5.2, 6.0], [64.0, 14.4, 17.7]])
+    for at in true:
+        values += np.exp(-0.5 * ((k - at[0]) ** 2 + (j - at[1]) ** 2 + (i - at[2]) ** 2)).astype(np.float32)
+    position, light = peaks(DenseVolume(grid, values))
+    expected = np.array(grid.first_mm) + true[:, ::-1] * grid.voxel_mm
+    order = np.argsort(position[:, 2])
+    assert position[order] == pytest.approx(expected, abs=0.02)
+    assert light == pytest.approx(np.full(3, (2 * np.pi) ** 1.5), rel=0.05)
