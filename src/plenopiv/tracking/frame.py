@@ -17,7 +17,9 @@ from plenopiv.tracking.search import places_of_light
 from plenopiv.volume import Limits
 
 ROUNDS = 8  # of fitting and searching, at most
-STEPS = 3  # Gauss-Newton iterations of a round
+FIRST_STEPS, STEPS = 4, 3  # Gauss-Newton iterations of the first round, and of those after it
+NEIGHBOURS = 12  # whose parameters are free where particles are judged on the way
+FEW = 0.01  # share of particles left out and found below which no other round follows
 LAST_STEPS = 6
 FIRST_LIGHT = 0.5  # of the median particle's, of a particle that is found in what is left
 
@@ -55,20 +57,20 @@ def particles_of_frame(
     light = fit_light(of_points, pixels, position_mm, light)
     position = position_mm
     for done in range(ROUNDS):
-        fit = refine(of_points, pixels, position, light, prior, STEPS)
+        fit = refine(of_points, pixels, position, light, prior, STEPS if done else FIRST_STEPS)
         pixels = _with_background(pixels, fit)
-        out = without_evidence(fit, covariance_of(fit.normal), misfit(fit, pixels.usable))
+        out = without_evidence(fit, covariance_of(fit.normal, NEIGHBOURS), misfit(fit, pixels.usable))
         position, light, first = fit.position_mm[~out], fit.light[~out], prior.position_mm[~out]
         excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
         new, _ = places_of_light(of_points, excess, limits_mm)
         if progress is not None:
             progress(done + 1, ROUNDS + 1)
         typical = float(np.median(light))
-        if len(new) == 0 and not out.any():
-            break
         position, first = np.concatenate([position, new]), np.concatenate([first, new])
         light = np.concatenate([light, np.full(len(new), FIRST_LIGHT * typical)])
         prior = Prior(first, prior.std_mm)
+        if len(new) + out.sum() <= FEW * len(light):
+            break
     fit = refine(of_points, pixels, position, light, prior, LAST_STEPS)
     return _judged(fit, pixels)
 

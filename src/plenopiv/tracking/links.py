@@ -141,8 +141,12 @@ def _within(
 def _clear(
     a: NDArray[np.int64], b: NDArray[np.int64], cost: Array, chosen: NDArray[np.bool_], n: int, m: int
 ) -> NDArray[np.bool_]:
-    """Of each candidate, whether all others of both its particles cost CLEAR more."""
-    other_a, other_b = np.full(n, np.inf), np.full(m, np.inf)
-    np.minimum.at(other_a, a[~chosen], cost[~chosen])
-    np.minimum.at(other_b, b[~chosen], cost[~chosen])
-    return np.minimum(other_a[a], other_b[b]) > cost + CLEAR
+    """Of each candidate, whether all others of both its particles cost CLEAR more, with what the partners that these
+    have would then lose."""
+    loss_a, loss_b = np.zeros(n), np.zeros(m)
+    loss_a[a[chosen]] = loss_b[b[chosen]] = GATE - cost[chosen]
+    other_a, other_b = np.full(n, GATE), np.full(m, GATE)
+    rest = ~chosen
+    np.minimum.at(other_a, a[rest], cost[rest] + loss_b[b[rest]])
+    np.minimum.at(other_b, b[rest], cost[rest] + loss_a[a[rest]])
+    return np.asarray(np.minimum(other_a[a], other_b[b]) > cost + CLEAR)

@@ -1,0 +1,70 @@
+"""The field of scattered tracks: its smoothing, its divergence, its error bars."""
+
+import numpy as np
+import pytest
+
+from plenopiv.errors import PlenoPIVError
+from plenopiv.simulation.flows import flow
+from plenopiv.tracking.field import field_from_tracks
+
+LIMITS = ((-1.0, 1.0), (-1.0, 1.0), (-0.8, 0.8))
+FLOW = flow("abc", wavelength_mm=2.4, amplitudes_m_s=(0.1, 0.12, 0.09))
+STD = np.array([0.004, 0.004, 0.012])
+
+
+@pytest.fixture(scope="module")
+def tracks():
+    rng = np.random.default_rng(2)
+    position = rng.uniform(*np.transpose(LIMITS), (900, 3))
+    std = np.broadcast_to(STD, position.shape) * rng.uniform(0.5, 2.0, (900, 1))
+    velocity = FLOW(position) + std * rng.standard_normal(position.shape)
+    velocity[:5] += 0.3  # wrong links
+    return position, velocity, std
+
+
+@pytest.fixture(scope="module")
+def fields(tracks):
+    return [field_from_tracks(*tracks, LIMITS, 0.4, divergence_free=free) for free in (True, False)]
+
+
+@pytest.fixture(scope="module")
+def places():
+    return np.random.default_rng(3).uniform(-0.7, 0.7, (400, 3)) * (1, 1, 0.8)
+
+
+def test_errors_are_less_than_those_of_tracks_and_least_without_divergence(fields, places):
+    free, any_field = ((field.velocity(places)[0] - FLOW(places)) for field in fields)
+    rms = np.sqrt((free**2).mean(0))
+    assert (rms < 0.6 * STD).all()
+    assert np.linalg.norm(rms / STD) < np.linalg.norm(np.sqrt((any_field**2).mean(0)) / STD)
+
+
+def test_divergence(fields, places):
+    free, any_field = (np.einsum("nii->n", field.gradient(places)) for field in fields)
+    assert np.sqrt((free**2).mean()) < 0.05 * np.sqrt((any_field**2).mean())
+
+
+def test_gradients_are_differences(fields, places):
+    step = 1e-4
+    for axis in range(3):
+        move = step * np.eye(3)[axis]
+        ahead, behind = (fields[0].velocity(places + s * move)[0] for s in (1, -1))
+        assert fields[0].gradient(places)[:, :, axis] == pytest.approx(1e3 * (ahead - behind) / (2 * step), abs=1e-2)
+
+
+def test_error_bars_cover(fields, places):
+    velocity, std = fields[0].velocity(places)
+    off = np.abs(velocity - FLOW(places))
+    assert 0.5 < (off < std).mean() < 0.85
+    assert (off < 2 * std).mean() > 0.85
+
+
+def test_wrong_links_are_left_out(fields):
+    assert not fields[0].used[:5].any()
+    assert fields[0].used[5:].mean() > 0.98
+    assert fields[0].chi2 == pytest.approx(1.0, abs=0.1)
+
+
+def test_too_few_tracks():
+    with pytest.raises(PlenoPIVError, match=r"10 tracks and nodes 0\.2 mm apart make no field"):
+        field_from_tracks(np.zeros((10, 3)), np.zeros((10, 3)), np.ones((10, 3)), LIMITS, 0.2)
