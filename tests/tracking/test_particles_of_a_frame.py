@@ -6,6 +6,7 @@ import pytest
 from particle_scenes import CAMERA, GAIN, LIMITS, VOXEL_MM, nearest, noisy, pixels_of, seeded
 from scipy.sparse import bsr_array
 
+from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking.covariance import covariance_of
 from plenopiv.tracking.frame import particles_of_frame
 from plenopiv.tracking.light import PointLights
@@ -68,6 +69,14 @@ def test_particles_among_others(of_points, field):
     light = found.light[partner[both]] / (GAIN * truth.electrons[both])
     assert np.median(light) == pytest.approx(1.0, abs=0.01)
     assert 0.8 < np.median(found.misfit) < 1.3
+
+
+def test_no_particles(of_points):
+    """Noise alone, and a first guess that is not there."""
+    pixels = pixels_of(noisy(np.zeros((1, 3)), np.zeros(1)))
+    for first in (np.empty((0, 3)), np.array([[0.1, 0.1, 1.0]])):
+        with pytest.raises(PlenoPIVError, match="the pixels speak for no particle"):
+            particles_of_frame(of_points, pixels, first, np.full(len(first), LIGHT), LIMITS)
 
 
 def test_bits_do_not_depend_on_the_number_of_threads(of_points):

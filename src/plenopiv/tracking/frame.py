@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking.covariance import covariance_of
 from plenopiv.tracking.evidence import misfit, without_evidence
 from plenopiv.tracking.light import PointLights
@@ -22,6 +23,8 @@ NEIGHBOURS = 12  # whose parameters are free where particles are judged on the w
 FEW = 0.01  # share of particles left out and found below which no other round follows
 LAST_STEPS = 6
 FIRST_LIGHT = 0.5  # of the median particle's, of a particle that is found in what is left
+
+NONE = "tracking: the pixels speak for no particle; check camera, calibration and noise with plenopiv check"
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -52,7 +55,13 @@ def particles_of_frame(
     progress: Progress | None = None,
 ) -> FrameParticles:
     """The particles of one frame from a first guess of positions (n, 3) mm and light (n,) counts; others are looked for
-    within ``limits_mm``."""
+    within ``limits_mm``.
+
+    Raises:
+        PlenoPIVError: there is no first guess, or the pixels speak for no particle.
+    """
+    if len(light) == 0:
+        raise PlenoPIVError(NONE)
     prior = Prior(position_mm, prior_std_mm(of_points.camera))
     light = fit_light(of_points, pixels, position_mm, light)
     position = position_mm
@@ -65,6 +74,8 @@ def particles_of_frame(
         new, _ = places_of_light(of_points, excess, limits_mm)
         if progress is not None:
             progress(done + 1, ROUNDS + 1)
+        if len(light) == 0:
+            raise PlenoPIVError(NONE)
         typical = float(np.median(light))
         position, first = np.concatenate([position, new]), np.concatenate([first, new])
         light = np.concatenate([light, np.full(len(new), FIRST_LIGHT * typical)])

@@ -2,7 +2,7 @@
 
 A predictor, the displacement that correlation found, says where a particle of the first frame is to be looked for. What
 it leaves, flow that a window does not resolve and its own errors, is learnt from the links themselves: its scatter over
-the volume, and where enough neighbours are linked its mean around each particle. A pair costs
+the volume, and where enough neighbours are linked its trend around each particle. A pair costs
 
     d^T (C_a + C_b + S)^-1 d + (ln light ratio)^2 / variance,
 
@@ -27,7 +27,9 @@ from plenopiv.tracking.frame import FrameParticles
 GATE = 25.0  # cost of a particle that is not linked: 4 degrees of freedom exceed it once in 20,000
 CLEAR = 6.0  # by which another partner must cost more than the one that is taken
 ROUNDS = 3
-NEIGHBOURS = 12  # linked particles around, whose mean departure from the predictor is taken for a particle's own
+NEIGHBOURS = 20  # linked particles around, whose departures from the predictor tell a particle's own
+RIDGE = 0.5  # of slopes against neighbours: fewer than some of them on one side make no slope
+COVERED, COVERED_STD = 0.95, 1.96  # the scatter is that of a normal distribution with the same 95 %
 LIGHT_STD = 0.1  # of ln light between frames beyond the covariances: light sheets are not quite even
 MAD_TO_STD = 1.4826
 
@@ -54,6 +56,9 @@ def link(
     ``displacement_mm``: of points (n, 3) mm at mid-time (n, 3) mm; ``scatter_mm`` (3,): a first guess of how far
     particles may be from where it says, one standard deviation; ``most_mm``: the largest displacement of a particle.
     """
+    if len(first.light) == 0 or len(second.light) == 0:
+        nothing = np.empty(0, np.int64)
+        return Links(nothing, nothing, np.empty(0), np.asarray(scatter_mm, np.float64))
     predicted = np.zeros_like(first.position_mm)
     for _ in range(3):  # the predictor is known at the middle of the way
         predicted = displacement_mm(first.position_mm + 0.5 * predicted)
@@ -65,30 +70,41 @@ def link(
         if len(found.a) <= NEIGHBOURS + 1:
             return found
         left = second.position_mm[found.b] - first.position_mm[found.a] - predicted[found.a]
-        departure, around = _of_neighbours(first.position_mm, found.a, left)
-        own = left - departure[found.a]
+        departure = _of_neighbours(first.position_mm, found.a, left)
+        own = np.abs(left - departure[found.a])
         noise = np.einsum("nii->ni", first.covariance[found.a] + second.covariance[found.b])[:, :3]
-        spread = (MAD_TO_STD * np.median(np.abs(own), 0)) ** 2 - np.median(noise, 0)
-        scatter = np.sqrt(np.maximum(spread, 0.0) + np.median(around, 0) ** 2 / NEIGHBOURS + 1e-12)
+        spread = (np.quantile(own, COVERED, 0) / COVERED_STD) ** 2 - np.median(noise, 0)
+        scatter = np.sqrt(np.maximum(spread, 0.0) + 1e-12)
     return found
 
 
 def _ratio_of_light(first: FrameParticles, second: FrameParticles) -> float:
     """Logarithm of the second pulse's light over the first's."""
-    if len(first.light) == 0 or len(second.light) == 0:
-        return 0.0
     return float(np.log(np.median(second.light) / np.median(first.light)))
 
 
-def _of_neighbours(position: Array, linked: NDArray[np.int64], left: Array) -> tuple[Array, Array]:
-    """Median departure (n, 3) of the linked neighbours of each particle, itself left out, and how much theirs scatter
-    (n, 3)."""
-    tree = cKDTree(position[linked])
-    _, near = tree.query(position, NEIGHBOURS + 1)
-    itself = linked[near] == np.arange(len(position))[:, None]
-    values = np.where(itself[:, :, None], np.nan, left[near])
-    middle = np.nanmedian(values, 1)
-    return middle, MAD_TO_STD * np.nanmedian(np.abs(values - middle[:, None]), 1)
+def _of_neighbours(position: Array, linked: NDArray[np.int64], left: Array) -> Array:
+    """Departure (n, 3) of each particle by a linear fit through those of its linked neighbours, itself left out, in
+    which outlying ones count less."""
+    _, near = cKDTree(position[linked]).query(position, min(NEIGHBOURS + 1, len(linked)))
+    off = position[linked][near] - position[:, None]
+    size = np.sqrt((off**2).mean((1, 2), keepdims=True)) + 1e-12
+    terms = np.concatenate([np.ones((*off.shape[:2], 1)), off / size], 2)
+    values, weight = left[near], (linked[near] != np.arange(len(position))[:, None]).astype(np.float64)[:, :, None]
+    believed = np.broadcast_to(weight, values.shape)
+    ridge = np.diag([1e-9, *[RIDGE] * 3])
+    out = np.zeros_like(position)
+    for _ in range(3):
+        for axis in range(3):
+            w = believed[:, :, axis]
+            normal = np.einsum("nka,nk,nkb->nab", terms, w, terms) + ridge
+            fit = np.linalg.solve(normal, np.einsum("nka,nk,nk->na", terms, w, values[:, :, axis])[:, :, None])
+            out[:, axis] = fit[:, 0, 0]
+            missed = np.abs(values[:, :, axis] - (terms @ fit)[:, :, 0])
+            usual = MAD_TO_STD * np.median(missed, 1, keepdims=True) + 1e-12
+            believed = believed.copy()
+            believed[:, :, axis] = weight[:, :, 0] / np.maximum(missed / (2.0 * usual), 1.0)
+    return out
 
 
 def _assigned(

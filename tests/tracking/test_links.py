@@ -1,0 +1,67 @@
+"""Links of two frames, from particles whose places are known."""
+
+import numpy as np
+import pytest
+
+from plenopiv.simulation.flows import flow
+from plenopiv.tracking.frame import FrameParticles
+from plenopiv.tracking.links import link
+
+DT_S = 5e-4
+STD_MM = np.array([0.0004, 0.0004, 0.002])
+FLOW = flow("rotation", rate_rad_s=80.0, drift_m_s=(0.02, 0.1, -0.03))
+SCATTER_MM = np.array([0.012, 0.012, 0.05])
+
+
+def particles(position, light, seed):
+    rng = np.random.default_rng(seed)
+    covariance = np.zeros((len(light), 4, 4))
+    for k, std in enumerate((*STD_MM, 0.01)):
+        covariance[:, k, k] = std**2 if k < 3 else (std * light) ** 2
+    off = rng.normal(size=position.shape) * STD_MM
+    return FrameParticles(
+        position + off, light * (1 + 0.01 * rng.normal(size=len(light))), covariance, light * 0 + 1, 1
+    )
+
+
+@pytest.fixture(scope="module")
+def frames():
+    """1500 particles, the second frame in another order, each frame without some of the other's."""
+    rng = np.random.default_rng(5)
+    a = rng.uniform((-1.5, -1.5, -2.5), (1.5, 1.5, 2.5), (1500, 3))
+    light = np.exp(0.25 * rng.normal(size=1500))
+    b = a + 1e3 * DT_S * FLOW(a)
+    kept_a, kept_b = np.arange(0, 1470), rng.permutation(np.arange(30, 1500))
+    return kept_a, kept_b, particles(a[kept_a], light[kept_a], 1), particles(b[kept_b], 0.8 * light[kept_b], 2)
+
+
+def predictor(points_mm):
+    """What correlation finds: too slow by a tenth, and off at the edges."""
+    return 0.9e3 * DT_S * FLOW(points_mm) + 0.01 * points_mm[:, :1] ** 2 * np.array([0.0, 1.0, 0.0])
+
+
+def test_links_are_right_and_complete(frames):
+    kept_a, kept_b, first, second = frames
+    links = link(first, second, predictor, SCATTER_MM, 1.0)
+    right = kept_a[links.a] == kept_b[links.b]
+    assert right.mean() > 0.995
+    assert right.sum() > 0.97 * 1440
+    assert len(np.unique(links.a)) == len(np.unique(links.b)) == len(links.a)
+    assert (links.scatter_mm < SCATTER_MM).all()
+
+
+def test_no_particle_moves_farther_than_stated(frames):
+    *_, first, second = frames
+    links = link(first, second, predictor, SCATTER_MM, 0.1)
+    moved = second.position_mm[links.b] - first.position_mm[links.a]
+    assert 100 < len(links.a) < 1400
+    assert np.linalg.norm(moved, axis=1).max() <= 0.1
+
+
+def test_nothing_to_link(frames):
+    *_, first, second = frames
+    away = FrameParticles(second.position_mm + 50.0, second.light, second.covariance, second.misfit, 1.0)
+    assert len(link(first, away, predictor, SCATTER_MM, 1.0).a) == 0
+    empty = FrameParticles(np.empty((0, 3)), np.empty(0), np.empty((0, 4, 4)), np.empty(0), 1.0)
+    assert len(link(empty, second, predictor, SCATTER_MM, 1.0).a) == 0
+    assert len(link(first, empty, predictor, SCATTER_MM, 1.0).a) == 0
