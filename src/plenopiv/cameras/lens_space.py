@@ -23,7 +23,7 @@ from plenopiv.volume import Limits
 RAYS = 61  # over the aperture
 EVERY = 3  # of the rays is enough for what differs between views
 POINTS = (9, 9, 13)  # along x, y and z, where a map is fitted
-STEPS = 6  # in which images and what is left come to agree
+STEPS, STILL = 6, 0.8  # in which images and what is left come to agree; of the last step's, more is no progress
 LEAST_LEFT = 1e-3  # of a pitch: rays that miss those of a thin lens by less are taken for them
 MARGIN = 0.05  # of the volume's sides, by which the map reaches beyond it
 
@@ -90,9 +90,12 @@ def space_map(model: RayModel, camera: PlenopticCamera, laboratory: Limits) -> S
     least, beside, left = LEAST_LEFT * camera.lattice.pitch_mm, np.zeros_like(images.s_mm), None
     half = 0.5 * camera.sensor.pixel_pitch_mm * np.array([camera.sensor.columns, camera.sensor.rows])
     on_sensor = (np.abs(images.s_mm) < half + camera.lattice.pitch_mm).all(-1)
+    before = np.inf
     for _ in range(STEPS):
-        if np.abs(images.left_mm[on_sensor]).max(initial=0.0) < least:
+        largest = np.abs(images.left_mm[on_sensor]).max(initial=0.0)
+        if largest < least or largest > STILL * before:
             break
+        before = largest
         u, s, all_left = (v[on_sensor][::EVERY] for v in (images.u_mm, images.s_mm, images.left_mm + beside))
         left = ViewShift.fitted(u, s, all_left)
         beside = left(images.u_mm.reshape(-1, 2), images.s_mm.reshape(-1, 2)).reshape(beside.shape)
