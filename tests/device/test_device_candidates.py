@@ -16,7 +16,7 @@ from plenopiv.lightfield import layout
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.volume import VoxelGrid
 
-pytestmark = pytest.mark.usefixtures("one_thread")
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("one_thread")]
 
 NEAR = VoxelGrid.covering((-0.41, 0.39), (-0.3, 0.33), (-2.1, 2.0), (0.0385, 0.0385, 0.2))
 FAR = VoxelGrid.covering((-0.2, 0.2), (-0.3, 0.3), (4.0, 5.0), (0.01, 0.01, 0.5))

@@ -19,7 +19,7 @@ from plenopiv.reconstruction.settings import TOMOGRAPHY, ReconstructionSettings
 from plenopiv.reconstruction.tiles import cut
 from plenopiv.volume import SparseVolume, VoxelGrid
 
-pytestmark = pytest.mark.usefixtures("one_thread")
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("one_thread")]
 
 GRID = VoxelGrid.covering((-0.25, 0.25), (-0.5, 0.5), (-2.2, -1.6), (0.03, 0.03, 0.06))
 WHERE = layout(small_camera("hexagonal", pmr=8, microlenses=(13, 19), offset_mm=(0.011, -0.005)))
