@@ -32,7 +32,7 @@ autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True, "ignore-module-all": True}
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
-autodoc_mock_imports = ["dask", "distributed", "lvpyio"]  # extras
+autodoc_mock_imports = ["dask", "distributed", "jax", "lvpyio", "psutil"]  # extras
 add_module_names = False
 python_maximum_signature_line_length = 90
 napoleon_google_docstring = True
@@ -49,6 +49,7 @@ html_theme_options = {"navigation_with_keys": True, "top_of_page_buttons": []}
 pygments_style, pygments_dark_style = "friendly", "native"
 templates_path = []
 exclude_patterns = ["_extra"]
+suppress_warnings = ["ref.python"]  # a short name in an annotation that two modules have: no link of ours
 nitpicky = False  # annotations name NumPy's and xarray's types, whose inventories are on the network
 
 

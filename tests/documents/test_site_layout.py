@@ -1,6 +1,9 @@
 """What docs/site lays out for Sphinx, without Sphinx: pages, links that lead somewhere, docstrings as they must be."""
 
+import ast
 import re
+import sys
+import tomllib
 from pathlib import Path
 
 import build_site
@@ -76,3 +79,21 @@ def test_docstrings_become_restructuredtext():
         "A bar \\|z\\| and ``|x|``.", "", "::", "", "    one.py    a thing", "    two.py    another", "",
         "Raises:", "    E: \\|y\\|", "",
     ]  # fmt: skip
+
+
+def test_packages_of_extras_are_not_needed_to_read_docstrings():
+    """The site is built with the packages of the program alone: what only an extra has is in Sphinx' settings."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    always = {re.match(r"[\w-]+", text)[0].replace("-", "_") for text in project["dependencies"]} | {"plenopiv"}
+    imported = set()
+    for path in (ROOT / "src" / "plenopiv").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                imported.add(node.module.partition(".")[0])
+    settings = ast.parse((ROOT / "docs" / "site" / "conf.py").read_text()).body
+    (mocked,) = [
+        n.value for n in settings if isinstance(n, ast.Assign) and ast.unparse(n.targets[0]) == "autodoc_mock_imports"
+    ]
+    assert imported - always - set(sys.stdlib_module_names) <= set(ast.literal_eval(mocked)) | {"__future__"}
