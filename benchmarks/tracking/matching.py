@@ -1,0 +1,34 @@
+"""True particles and reported ones, one to one."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import min_weight_full_bipartite_matching
+from scipy.spatial import cKDTree
+
+ACROSS, DEEP = 1.0, 2.0  # voxels within which a reported particle can be a true one
+ALONE = 10.0  # price of one that is not matched, above any match's
+
+Array = NDArray[np.float64]
+
+
+def matched(truth_mm: Array, found_mm: Array, voxel_mm: Array) -> NDArray[np.int64]:
+    """Of each true particle (n, 3) the reported one (m, 3), -1 for none: the cheapest assignment (Hungarian) of those
+    within ACROSS voxels in the plane and DEEP in depth."""
+    truth, found = truth_mm / voxel_mm, found_mm / voxel_mm
+    scale = np.array([1.0, 1.0, ACROSS / DEEP])
+    near = cKDTree(truth * scale).query_ball_tree(cKDTree(found * scale), 1.5 * ACROSS)
+    t = np.repeat(np.arange(len(truth)), [len(each) for each in near])
+    f = np.array([k for each in near for k in each], np.int64)
+    off = found[f] - truth[t]
+    kept = (np.hypot(off[:, 0], off[:, 1]) <= ACROSS) & (np.abs(off[:, 2]) <= DEEP)
+    t, f, off = t[kept], f[kept], off[kept]
+    n, m = len(truth), len(found)
+    rows, columns = np.concatenate([t, np.arange(n)]), np.concatenate([f, m + np.arange(n)])
+    price = 1e-6 + np.concatenate([((off * scale) ** 2).sum(1), np.full(n, ALONE)])
+    row, column = min_weight_full_bipartite_matching(csr_array((price, (rows, columns)), shape=(n, m + n)))
+    out = np.full(n, -1, np.int64)
+    out[row] = np.where(column < m, column, -1)
+    return out
