@@ -18,6 +18,7 @@ from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.simulated_recording import Seeding, simulate_recording
 
+pytestmark = pytest.mark.full  # a recording is simulated, reconstructed, tracked and linked
 VELOCITY_M_S = np.array([0.11, -0.06, 0.17])  # 3.2, -1.8 and 1.1 voxels in 0.5 ms: another size and sign on each axis
 DT_S = 5e-4
 CAMERA = PlenopticCamera(

@@ -7,8 +7,9 @@ Int. Symp. on Applications of Laser Techniques to Fluid Mechanics). Their coeffi
 
 the last over the nodes. The smoothing is the largest at which the residuals are what the errors s_i say, chi^2 per
 component 1 (Morozov's discrepancy principle). Its scale does not matter then. Error bars are the scatter of fits to
-data that carry these errors again. The normal equations are factorised, which takes a second for 4000 coefficients of
-all components and grows with their number squared at least: take parts of a large volume.
+data that carry these errors again; what nodes or smoothing do not resolve is not in them. The normal equations are
+factorised, which takes a second for 4000 coefficients of all components and grows with their number squared at least:
+take parts of a large volume.
 """
 
 from __future__ import annotations
