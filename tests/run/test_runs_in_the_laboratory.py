@@ -14,6 +14,7 @@ from runs import without_report
 import plenopiv
 from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.cli import main
+from plenopiv.device.backend import CPU
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.io import read_velocity
@@ -132,7 +133,7 @@ def test_another_map_is_another_calibration(results, folder, monkeypatch):
     with pytest.raises(PlenoPIVError, match=r"another calibration \(calibration.space: was "):
         plenopiv.process(experiment)
     with pytest.raises(PlenoPIVError, match="give another calibration now"):
-        KeptVolumes.of(results.directory).chain(experiment, experiment.recording(), lambda *stage: None)
+        KeptVolumes.of(results.directory).chain(experiment, experiment.recording(), lambda *stage: None, CPU)
 
 
 def test_a_volume_that_the_camera_does_not_see(folder):
