@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import gc
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +19,6 @@ if TYPE_CHECKING:
 
 REQUIRED = ("u", "v", "w", "valid")
 DIMS = ("time", "z", "y", "x")
-_WRITING = Lock()
 COMPRESSED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 
 
@@ -50,22 +47,8 @@ def write_dataset(path: str | Path, dataset: xarray.Dataset, encoding: Mapping[A
     import h5netcdf
     from xarray.backends import H5NetCDFStore
 
-    with _same_layout(), hdf5_aside(path) as aside, h5netcdf.File(aside, "w") as file:
+    with hdf5_aside(path) as aside, h5netcdf.File(aside, "w") as file:
         dataset.dump_to_store(H5NetCDFStore(file), encoding=dict(encoding))
-
-
-@contextmanager
-def _same_layout() -> Iterator[None]:
-    """Where HDF5 puts the parts of a file depends on when objects are closed: one file at a time, and none by Python's
-    garbage collector, which threads set off at any moment. So the same dataset makes the same bytes."""
-    with _WRITING:
-        collecting = gc.isenabled()
-        gc.disable()
-        try:
-            yield
-        finally:
-            if collecting:
-                gc.enable()
 
 
 def read_velocity(path: str | Path) -> xarray.Dataset:
