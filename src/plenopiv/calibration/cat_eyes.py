@@ -65,6 +65,11 @@ class Rim:
         return np.abs(self.middle(position)) - (self.radius_px - disc.radius_px)
 
 
+def _no_rim(disc: Disc) -> Rim:
+    """A rim too wide to cut."""
+    return Rim(10.0 * abs(disc.pitch), 0.0, 0j)
+
+
 def light_of(dx: Array, dy: Array, disc: Disc, rim_px: float, middle: NDArray[np.complex128]) -> Array:
     """Light of pixels at (dx, dy) (lens, pixel) from the chief ray, and its derivatives, (11, lens, pixel): the light;
     by the chief ray's s and t; by the stop's radius, the blur, the rim's radius; by s and t of the rim's ``middle``
@@ -235,7 +240,7 @@ def _elongation(image: NDArray, position: NDArray[np.complex128], disc: Disc) ->
     """Elongation of the micro-images as it changes evenly over the sensor: the largest, px of the radius, and its share
     of what a fit without a rim leaves. A rim's cut is seen in it first, and a look at it takes a tenth of the time of a
     search for the rim."""
-    none, found = Rim(10.0 * abs(disc.pitch), 0.0, 0j), []
+    none, found = _no_rim(disc), []
     for part, counts, dx, dy in _windows(image, position, disc):
         light = light_of(dx, dy, disc, none.radius_px, none.middle(position[part]))
         own = _own(light)
@@ -260,7 +265,7 @@ def spot_disc(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> t
     pixels = np.pi * (disc.reach_px + 0.5) ** 2
     few = _spread(position, int(np.clip(SEARCH / pixels, 60, 1500)))
     (found, _), _ = refined(image, few, disc, None, FIT_STEPS)
-    return (found, Rim(10.0 * abs(disc.pitch), 0.0, 0j)) if found.radius_px > LEAST_RADIUS_PX else None
+    return (found, _no_rim(disc)) if found.radius_px > LEAST_RADIUS_PX else None
 
 
 def _spread(position: NDArray[np.complex128], count: int) -> NDArray[np.complex128]:
@@ -281,7 +286,7 @@ def refined(
     free = 2 if rim is None else 6
     at, left = position.copy(), np.inf
     for _ in range(steps):
-        by = rim or Rim(10.0 * abs(disc.pitch), 0.0, 0j)
+        by = rim or _no_rim(disc)
         normal, right, ratios = np.zeros((free, free)), np.zeros(free), []
         for part, counts, dx, dy in _windows(image, at, disc):
             light = light_of(dx, dy, disc, by.radius_px, by.middle(at[part]))
