@@ -21,7 +21,6 @@ from plenopiv.experiment.tracking_table import TrackingTable
 from plenopiv.io.netcdf import COMPRESSED, write_dataset
 from plenopiv.recording import Recording
 from plenopiv.run.calibrated import calibrated_chain
-from plenopiv.run.space import space_of
 from plenopiv.run.versions import versions
 from plenopiv.tracking.frame import FrameParticles, particles_of_frame
 from plenopiv.tracking.light import PointLights, diffraction_px
@@ -70,13 +69,12 @@ def track(experiment: Experiment, progress: Progress | None = None, overwrite: b
     path = experiment.output_directory / FILE
     if path.exists() and not overwrite:
         raise PlenoPIVError(f"{path}: is already there; use --overwrite, or another output.directory")
-    recording = experiment.recording()
-    if space_of(experiment, recording) is not None:
+    if experiment.calibration is not None or experiment.medium is not None:
         raise PlenoPIVError(
             f"{experiment.path}: plenopiv track needs x, y, z of the camera itself; it cannot yet take [calibration] "
             "or [medium]"
         )
-    chain, recording, _ = calibrated_chain(experiment, recording, progress=partial(report, "calibration"))
+    chain, recording, _ = calibrated_chain(experiment, experiment.recording(), progress=partial(report, "calibration"))
     if chain.camera.rim is not None:
         warnings.warn(
             "tracking: the main lens' rim cuts micro-images off axis; particles there are fitted as if it did not",

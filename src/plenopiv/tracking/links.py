@@ -22,6 +22,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import cKDTree
 
+from plenopiv.reconstruction.noise import MAD_TO_STD
 from plenopiv.tracking.frame import FrameParticles
 
 GATE = 25.0  # cost of a particle that is not linked: 4 degrees of freedom exceed it once in 20,000
@@ -31,7 +32,6 @@ NEIGHBOURS = 20  # linked particles around, whose departures from the predictor 
 RIDGE = 0.5  # of slopes against neighbours: fewer than some of them on one side make no slope
 COVERED, COVERED_STD = 0.95, 1.96  # the scatter is that of a normal distribution with the same 95 %
 LIGHT_STD = 0.1  # of ln light between frames beyond the covariances: light sheets are not quite even
-MAD_TO_STD = 1.4826
 
 Array = NDArray[np.float64]
 Predictor = Callable[[Array], Array]

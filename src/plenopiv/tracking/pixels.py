@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.reconstruction.noise import QUANTUM
+
 Array = NDArray[np.float64]
-MAD_TO_STD = 1.4826  # of a normal distribution
 LEAST_UNLIT = 500  # pixels without light that the dark noise is measured on
 
 
@@ -71,4 +72,4 @@ def _spread(values: Array) -> float:
     width = np.sort(values)[[round(0.1587 * (len(values) - 1)), round(0.8413 * (len(values) - 1))]]
     steps = 0.5 * float(width[1] - width[0])
     near = values[np.abs(values - np.median(values)) < 4.0 * max(steps, 0.5)]
-    return max(float(np.std(near)), 12.0**-0.5)
+    return max(float(np.std(near)), QUANTUM)

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
-from plenopiv.kernels import kernel
+from plenopiv.kernels import inlined, kernel
+from plenopiv.lattice import nearest_lens
 from plenopiv.threads import in_threads
 from plenopiv.tracking.light import PointLights
 from plenopiv.tracking.light_kernels import LightConstants
@@ -29,6 +30,7 @@ STEP_DEPTH = 2.0  # of places in depth, by how much the blur's diameter grows, i
 APART_PITCHES = 1.6  # within which the highest maximum alone is taken
 
 Array = NDArray[np.float64]
+nearest = inlined(nearest_lens)
 
 
 @kernel
@@ -54,17 +56,9 @@ def _scores(
                 u, v = ray[r, 0], ray[r, 1]
                 ds, dt = a * u + image_s - cam.offset_s, a * v + image_t - cam.offset_t
                 along, across = (cam.cos * ds + cam.sin * dt) / cam.pitch, (cam.cos * dt - cam.sin * ds) / cam.pitch
+                lens_a, lens_b = nearest(cam.hexagonal, cam.row_spacing, along, across)
                 if cam.hexagonal:
-                    low = np.floor(across / cam.row_spacing)
-                    odd = 0.5 * (np.int64(low) & 1)
-                    i0, i1 = np.floor(along - odd + 0.5) + odd, np.floor(along + odd) + 0.5 - odd
-                    up = across - low * cam.row_spacing
-                    down = cam.row_spacing - up
-                    lens_a, lens_b = i0, low * cam.row_spacing
-                    if (along - i1) ** 2 + down * down < (along - i0) ** 2 + up * up:
-                        lens_a, lens_b = i1, (low + 1.0) * cam.row_spacing
-                else:
-                    lens_a, lens_b = np.floor(along + 0.5), np.floor(across + 0.5)
+                    lens_a, lens_b = lens_a + 0.5 * (np.int64(lens_b) & 1), lens_b * cam.row_spacing
                 lens_s = cam.offset_s + (cam.cos * lens_a - cam.sin * lens_b) * cam.pitch
                 lens_t = cam.offset_t + (cam.sin * lens_a + cam.cos * lens_b) * cam.pitch
                 e = cam.image_scale
