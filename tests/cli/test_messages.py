@@ -101,6 +101,27 @@ def test_termination_unwinds(monkeypatch):
     assert cleaned == [True]
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGHUP to catch")
+@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGHUP", 129), ("SIGINT", 130)])
+def test_a_library_that_fails_on_the_way_out_does_not_hide_the_signal(monkeypatch, name, code):
+    """As matplotlib does when a signal comes while a figure is saved."""
+    import plenopiv.cli.info
+
+    def interrupted(file):
+        try:
+            os.kill(os.getpid(), getattr(signal, name))
+            signal.pause()
+        finally:
+            raise AttributeError("no such attribute")
+
+    monkeypatch.setattr(plenopiv.cli.info, "info", interrupted)
+    try:
+        ended = main(["info", "any"])
+    except SystemExit as error:
+        ended = error.code
+    assert ended == code
+
+
 @pytest.mark.parametrize("command", [[], *([name] for name in get_command(app).commands)])
 def test_help_teaches_by_example(command, capsys):
     assert main([*command, "--help"]) == 0

@@ -23,9 +23,10 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line (``sys.argv`` by default) and return its exit code."""
     given = terminal.take_flags(list(sys.argv[1:] if arguments is None else arguments))
-    with _warnings_in_one_line(), _notes_in_one_line(), _terminated_like_interrupted():
+    with _warnings_in_one_line(), _notes_in_one_line():
         try:
-            code = app(args=given or ["--help"], prog_name="plenopiv", standalone_mode=False)
+            with _ended_by_signals():
+                code = app(args=given or ["--help"], prog_name="plenopiv", standalone_mode=False)
         except PlenoPIVError as error:
             return _fail(str(error))
         except BrokenPipeError:  # the reader of our output went away
@@ -95,20 +96,30 @@ def _notes_in_one_line() -> Iterator[None]:
 
 
 @contextmanager
-def _terminated_like_interrupted() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP unwind the stack: half-written files are removed, and what is finished is kept."""
+def _ended_by_signals() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP unwind the stack as SIGINT does: half-written files are removed, what is finished is kept.
+
+    A library's own clean-up may fail on the way out (matplotlib's does within a figure); such an error does not hide
+    the signal.
+    """
+    received: list[BaseException] = []
 
     def stop(number: int, frame: object) -> NoReturn:
-        raise SystemExit(128 + number)
+        received.append(KeyboardInterrupt() if number == signal.SIGINT else SystemExit(128 + number))
+        raise received[-1]
 
     if threading.current_thread() is not threading.main_thread():  # only there may signals be set
         yield
         return
-    ends = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    ends = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGINT") if hasattr(signal, name)]
     ends = [one for one in ends if signal.getsignal(one) is not signal.SIG_IGN]  # as nohup leaves SIGHUP
     before = [signal.signal(one, stop) for one in ends]
     try:
         yield
+    except Exception as error:
+        if received:
+            raise received[0] from error
+        raise
     finally:
         for one, usual in zip(ends, before, strict=True):
             signal.signal(one, usual)
