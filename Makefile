@@ -7,6 +7,9 @@ BIN := $(VENV)/bin
 # One worker a core. Each takes neighbouring tests, so that they compile different kernels, then those left to others.
 PARALLEL := -n auto --dist worksteal
 
+# Tests start many processes, which would all compile the sources anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-full campaign test-report lint bench bench-full paper paper-full comparison figures docs release-check lock clean
 

@@ -18,6 +18,7 @@ def refused(white, kind="hexagonal", pitch_px=14.04):
     return str(error.value)
 
 
+@pytest.mark.full
 def test_particles_are_not_white():
     """Light that differs from microlens to microlens, as that of particles far out of focus, though discs are whole."""
     white = white_image(SHAPE, "hexagonal", 14.04, dust=0.0)

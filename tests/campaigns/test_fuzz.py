@@ -128,6 +128,7 @@ PLANTED = """
 """
 
 
+@pytest.mark.full
 def test_the_limits_hold_and_each_fault_is_seen(tmp_path):
     """In processes of their own: none of them may end the campaign."""
     script = tmp_path / "planted.py"

@@ -32,7 +32,8 @@ def folder(two, tmp_path):
 
 
 @pytest.mark.usefixtures("still")
-@pytest.mark.parametrize(("share", "names"), [pytest.param(0.0, [], marks=pytest.mark.full), (0.5, ["static-light"])])
+@pytest.mark.full
+@pytest.mark.parametrize(("share", "names"), [(0.0, []), (0.5, ["static-light"])])
 def test_particles_stuck_to_a_window(folder, share, names):
     light = share * np.maximum(tifffile.imread(folder / "p3_a.tif") - 60.0, 0)
     for pair in "12":

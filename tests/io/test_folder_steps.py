@@ -69,6 +69,7 @@ def tried(folder, how, stride):
     return json.loads(ended.stdout)
 
 
+@pytest.mark.full
 def test_killed_at_some_steps(tmp_path):
     cases, wrong = tried(tmp_path, "kill", 83)
     assert wrong == []

@@ -23,11 +23,14 @@ def blurred_light(camera, position_mm, blur_px: float, rays: int = 200_000):
     column, row = camera.sensor.pixel_from_plane(hit_s, hit_t)
     image = np.zeros((camera.sensor.rows, camera.sensor.columns))
     middle = np.rint(column).astype(int), np.rint(row).astype(int)
-    for dx in (-2, -1, 0, 1, 2):
-        for dy in (-2, -1, 0, 1, 2):
+    steps = (-2, -1, 0, 1, 2)
+    across = {dx: _in_pixel(column - middle[0] - dx, blur_px) for dx in steps}
+    down = {dy: _in_pixel(row - middle[1] - dy, blur_px) for dy in steps}
+    for dx in steps:
+        for dy in steps:
             c, q = middle[0] + dx, middle[1] + dy
             on = (c >= 0) & (c < image.shape[1]) & (q >= 0) & (q < image.shape[0])
-            part = _in_pixel(column - c, blur_px) * _in_pixel(row - q, blur_px) / rays
+            part = across[dx] * down[dy] / rays
             np.add.at(image, (q[on], c[on]), part[on])
     return image
 

@@ -65,6 +65,7 @@ def ended(process):
     return float(value), compiled, err
 
 
+@pytest.mark.full
 def test_what_is_compiled_again(tmp_path):
     cache = tmp_path / "cache"
     assert ended(started(tmp_path / "one", cache=cache)) == (6.0, ["twice", "doubled"], "")

@@ -40,6 +40,7 @@ def test_nothing_is_said_of_good_pairs(folder):
     assert 0.1 < min(shares) <= max(shares) < 0.35
 
 
+@pytest.mark.full
 def test_a_volume_cut_in_depth(folder):
     changed(folder, "recording", pairs=[["p1_a.tif", "p1_b.tif"]])
     with pytest.warns(plenopiv.PlenoPIVWarning, match=r"of the light's contrast in p1_a.tif is not that of particles"):

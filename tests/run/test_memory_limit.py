@@ -119,6 +119,7 @@ def test_as_few_tiles_as_keep_within():
         tiles_within(needed, others + 0.9e9, 1000, 100)
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("without_report")
 def test_a_run_in_tiles(experiment, capsys, monkeypatch):
     monkeypatch.setattr("plenopiv.run.memory.LISTED", 1e9 / (8.0 * experiment.grid().size))  # a volume of 1 GB

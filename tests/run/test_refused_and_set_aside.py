@@ -37,6 +37,7 @@ def cut_off(path):
     path.write_bytes(path.read_bytes()[:2000])
 
 
+@pytest.mark.full
 def test_a_damaged_frame_sets_its_pair_aside_and_the_exit_code_says_so(folder, capsys):
     cut_off(folder / "p2_a.tif")
     assert main(["run", str(folder / "experiment.toml")]) == 3

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from plenopiv.calibration.spectrum import unit_centres
 from plenopiv.lattice import LatticeKind
 
 PHASES = 8  # sub-pixel positions per axis at which the fit is tabulated; what is left of a shift is what it measures
+EVEN = [0, 7, 8, 3, 6]  # T, T_R, T_b, 1 and T r^2 of a model's nine
 CHUNK = 4096  # micro-images fitted at a time
 SPOT = 0.28  # radius, of a pitch, below which a micro-image is a spot in the dark
 SMALLEST = 0.05  # radius, of a pitch
@@ -111,12 +113,45 @@ def _table(disc: Disc) -> NDArray[np.float64]:
     return fine
 
 
+class _Model(NamedTuple):
+    """A micro-image at one sub-pixel position: the pixels within reach; its light in them and how that changes, T, T_s,
+    T_t, 1, T s, T t, T r^2, T_R and T_b (pixel, 9); what turns counts into the shares of these (9, pixel), and into
+    that of T without r^2, T_R and T_b (pixel)."""
+
+    used: NDArray[np.bool_]
+    design: NDArray[np.float64]
+    fit: NDArray[np.float64]
+    level: NDArray[np.float64]
+
+
+@lru_cache(maxsize=1)
+def _models(disc: Disc) -> list[_Model]:
+    """Models of the PHASES**2 sub-pixel positions, t outside."""
+    half = disc.half_window
+    table, d = _table(disc), np.arange(-half, half + 1)
+    first = PHASES * (half + 1) - PHASES // 2  # index in the table of the pixel centred on the micro-image
+    within, designs = [], []
+    for p in range(PHASES**2):
+        f_s, f_t = p % PHASES - PHASES // 2, p // PHASES - PHASES // 2
+        at = np.meshgrid((d - f_s / PHASES) / disc.reach_px, (d - f_t / PHASES) / disc.reach_px)
+        within.append(at[0] ** 2 + at[1] ** 2 < 1.0)
+        here = table[:, (first + PHASES * d - f_t)[:, None], first + PHASES * d - f_s][:, within[-1]]
+        designs.append(np.stack((*here[:3], np.ones(here.shape[1]), *here[5:], *here[3:5]), 1))
+    squares = np.stack([design.T @ design for design in designs])
+    fits = np.linalg.pinv(squares, rcond=1e-12, hermitian=True)
+    levels = np.linalg.pinv(squares[:, :6, :6], rcond=1e-12, hermitian=True)[:, 0]
+    return [
+        _Model(used, design, fit @ design.T, design[:, :6] @ level)
+        for used, design, fit, level in zip(within, designs, fits, levels, strict=True)
+    ]
+
+
 def _groups(
     image: NDArray, node_s: NDArray[np.int64], node_t: NDArray[np.int64], disc: Disc
-) -> Iterator[tuple[NDArray, NDArray, NDArray]]:
+) -> Iterator[tuple[NDArray, NDArray, _Model]]:
     """Micro-images about (node_s, node_t) (in 1/PHASES px from pixel (0, 0)), those of one sub-pixel position together.
 
-    Yields their indices, their (lens, pixel) counts within reach, and the model's (8, pixel) ``_table`` there.
+    Yields their indices, their (lens, pixel) counts within reach, and the ``_Model`` there.
     """
     half = disc.half_window
     # Nearest pixel (c, r), and the rest in 1/PHASES px.
@@ -125,18 +160,12 @@ def _groups(
     order = np.argsort(phase, kind="stable")
     bounds = np.searchsorted(phase[order], np.arange(PHASES**2 + 1))
     windows = np.lib.stride_tricks.sliding_window_view(image, (2 * half + 1, 2 * half + 1))
-    table = _table(disc)
-    d = np.arange(-half, half + 1)
-    first = PHASES * (half + 1) - PHASES // 2  # index in the table of the pixel centred on the micro-image
+    models = _models(disc)
     for p in np.flatnonzero(np.diff(bounds)):
-        f_s, f_t = p % PHASES - PHASES // 2, p // PHASES - PHASES // 2
-        at = np.meshgrid((d - f_s / PHASES) / disc.reach_px, (d - f_t / PHASES) / disc.reach_px)
-        used = at[0] ** 2 + at[1] ** 2 < 1.0
-        model = table[:, (first + PHASES * d - f_t)[:, None], first + PHASES * d - f_s][:, used]
         for start in range(bounds[p], bounds[p + 1], CHUNK):
             lens = order[start : min(start + CHUNK, bounds[p + 1])]
-            counts = windows[r[lens] - half, c[lens] - half][:, used].astype(np.float64)
-            yield lens, counts, model
+            counts = windows[r[lens] - half, c[lens] - half][:, models[p].used].astype(np.float64)
+            yield lens, counts, models[p]
 
 
 def _nodes(image: NDArray, positions: NDArray[np.complex128]) -> tuple[NDArray[np.int64], NDArray[np.int64], complex]:
@@ -155,19 +184,13 @@ def measure(image: NDArray, positions: NDArray[np.complex128], disc: Disc) -> Mi
     node_s, node_t, axis = _nodes(image, positions)
     shift, gain, quality = np.zeros(len(positions), np.complex128), np.zeros(len(positions)), np.zeros(len(positions))
     for lens, counts, model in _groups(image, node_s, node_t, disc):
-        design = np.stack((*model[:3], np.ones(model.shape[1]), *model[5:], *model[3:5]), 1)
-        fit = counts @ _inverse(design).T
-        level = counts @ _inverse(design[:, :6])[0]
+        fit = counts @ model.fit.T
+        level = counts @ model.level
         shift[lens] = (fit[:, 1] + 1j * fit[:, 2]) / np.where(np.abs(level) > 1e-9, level, np.inf)
         gain[lens] = level
-        left = np.sum((counts - fit @ design.T) ** 2, 1)
+        left = np.sum((counts - fit @ model.design.T) ** 2, 1)
         quality[lens] = 1.0 - left / np.maximum(np.sum((counts - counts.mean(1, keepdims=True)) ** 2, 1), 1e-30)
     return MicroImages((node_s + 1j * node_t) / PHASES - axis + shift, gain, quality)
-
-
-def _inverse(design: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The (unknown, pixel) matrix that turns counts into the least-squares fit of a design (pixel, unknown)."""
-    return np.linalg.pinv(design.T @ design, rcond=1e-12, hermitian=True) @ design.T
 
 
 def measure_spots(image: NDArray, positions: NDArray[np.complex128], disc: Disc) -> MicroImages:
@@ -241,7 +264,7 @@ def refine_disc(image: NDArray, positions: NDArray[np.complex128], disc: Disc) -
     node_s, node_t, _ = _nodes(image, positions)
     left, right = np.zeros((5, 5)), np.zeros(5)
     for _, counts, model in _groups(image, node_s, node_t, disc):
-        even = np.stack((model[0], model[3], model[4], np.ones(model.shape[1]), model[7]), 1)
+        even = model.design[:, EVEN]
         left += len(counts) * (even.T @ even)
         right += even.T @ counts.sum(0)
     gain, d_radius, d_blur = (np.linalg.pinv(left, rcond=1e-12, hermitian=True) @ right)[:3]
