@@ -3,7 +3,7 @@
 import h5py
 import numpy as np
 import pytest
-import xarray as xr
+from exported_fields import SHAPE, field
 
 from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
@@ -11,25 +11,6 @@ from plenopiv.io import write_velocity
 from plenopiv.io.openpiv import as_openpiv, write_openpiv
 from plenopiv.io.vtkhdf import write_volume_vtkhdf, write_vtkhdf
 from plenopiv.volume import SparseVolume, VoxelGrid
-
-SHAPE = (3, 4, 5)  # z, y, x
-DIMS = ("time", "z", "y", "x")
-
-
-def field(times=1):
-    """u = x, v = 10 y, w = 100 z (and 1000 a step of time) in m/s per mm; one vector replaced, one unseen."""
-    z, y, x = (
-        first + step * np.arange(n) for first, step, n in zip((-1.0, 2.0, -3.0), (0.5, 0.25, 2.0), SHAPE, strict=True)
-    )
-    t = np.arange(times, dtype=float)
-    tt, zz, yy, xx = np.meshgrid(t, z, y, x, indexing="ij")
-    valid = np.ones(tt.shape, np.int8)
-    valid[:, 1, 1, 2] = 0
-    u = xx.copy()
-    u[:, 0, 0, 0] = np.nan
-    values = {"u": u, "v": 10 * yy, "w": 100 * zz + 1000 * tt, "u_std": 0 * xx, "v_std": 0 * xx, "w_std": 1 + 0 * xx}
-    variables = {name: (DIMS, value) for name, value in values.items()} | {"valid": (DIMS, valid)}
-    return xr.Dataset(variables, {"time": 0.5 + t, "z": z, "y": y, "x": x})
 
 
 @pytest.fixture(scope="module")

@@ -119,19 +119,32 @@ def statistics(
 @app.command()
 def export(
     source: Annotated[Path, typer.Argument(metavar="SOURCE", help="velocity.nc, or a volume that a run kept (.h5).")],
-    target: Annotated[Path, typer.Argument(metavar="TARGET", help="What to write: .vtkhdf or .txt.")],
-    z: Annotated[float | None, typer.Option(metavar="MM", help="The plane of vectors for OpenPIV.")] = None,
-    time: Annotated[int, typer.Option(metavar="N", min=0, help="Which of several times, from 0, for OpenPIV.")] = 0,
+    target: Annotated[
+        Path, typer.Argument(metavar="TARGET", help="What to write: .vtkhdf, .vti, .csv, .mat, .txt or .nc.")
+    ],
+    z: Annotated[float | None, typer.Option(metavar="MM", help="The plane of vectors, for .txt and .nc.")] = None,
+    time: Annotated[
+        int | None, typer.Option(metavar="N", min=0, help="Which of several times, from 0, for .txt and .vti.")
+    ] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Write a velocity field as other programs read it: ParaView and PyVista (.vtkhdf), OpenPIV's tools (.txt).
+    """Write a velocity field as other programs read it; the ending of TARGET names the format.
 
-    A .vtkhdf file holds all vectors and times, or every voxel of a volume; a .txt file the plane nearest to --z, y and
-    v upward (OpenPIV's physical frame), with its flags for replaced vectors.
+    \b
+        .vtkhdf  ParaView, PyVista: all vectors and times, or every voxel of a volume
+        .vti     the same and older ParaView: all vectors of one time (--time)
+        .csv     pandas, R, spreadsheets: one vector a line, units in the names of columns
+        .mat     MATLAB, Octave: arrays (y, x, z, time), as meshgrid has them
+        .txt     OpenPIV: the plane nearest to --z of one time, with flags for replaced vectors
+        .nc      pivpy: the plane nearest to --z at all times, chc 1 where measured
+
+    Coordinates are in mm, velocities in m/s; y and v point upward, in a .txt file too (OpenPIV's physical frame).
+    velocity.nc itself is plain netCDF, for xarray and napari as it is.
 
     \b
     Example:
         plenopiv export run7/results/velocity.nc run7/velocity.vtkhdf
+        plenopiv export run7/results/velocity.nc run7/vectors.csv
         plenopiv export run7/results/velocity.nc run7/plane.txt --z 1.5
         plenopiv export run7/results/volume-a.h5 run7/volume-a.vtkhdf
     """

@@ -3,40 +3,94 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 from plenopiv.cli.terminal import Outcome
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io import read_velocity
+from plenopiv.io.matlab import write_matlab
 from plenopiv.io.openpiv import write_openpiv
+from plenopiv.io.pivpy import write_pivpy
+from plenopiv.io.table import write_table
 from plenopiv.io.volumes import volume_in_laboratory
+from plenopiv.io.vti import write_vti
 from plenopiv.io.vtkhdf import write_volume_vtkhdf, write_vtkhdf
 
-VTKHDF, OPENPIV, VOLUME = ".vtkhdf", ".txt", ".h5"
+VOLUME = ".h5"
 
 
-def export(source: Path, target: Path, z_mm: float | None, time: int, overwrite: bool) -> Outcome:
+class Format(NamedTuple):
+    """Who reads it, and whether it holds all planes and all times."""
+
+    reader: str
+    all_planes: bool
+    all_times: bool
+
+
+FORMATS = {
+    ".vtkhdf": Format("ParaView", True, True),
+    ".vti": Format("ParaView", True, False),
+    ".csv": Format("pandas", True, True),
+    ".mat": Format("MATLAB", True, True),
+    ".txt": Format("OpenPIV", False, False),
+    ".nc": Format("pivpy", False, True),
+}
+
+
+def export(source: Path, target: Path, z_mm: float | None, time: int | None, overwrite: bool) -> Outcome:
     """Write ``target``, in the format that its ending names, of a velocity field or a kept volume (.h5).
 
     Raises:
-        PlenoPIVError: the source cannot be read; an ending that is no format, a plane that is missing or not asked for;
-            ``target`` is there already.
+        PlenoPIVError: the source cannot be read; an ending that is no format, a plane or a time that is missing or not
+            asked for; ``target`` is there already.
     """
-    kind = target.suffix.lower()
-    if kind not in (VTKHDF, OPENPIV):
-        raise PlenoPIVError(f"{target}: the ending names the format: {VTKHDF} for ParaView, {OPENPIV} for OpenPIV")
-    if kind == OPENPIV and source.suffix.lower() == VOLUME:
-        raise PlenoPIVError(f"{target}: OpenPIV's files hold vectors, {source.name} a volume; name a {VTKHDF} file")
-    if (kind == OPENPIV) != (z_mm is not None):
-        needs = "OpenPIV's files hold one plane: choose it with --z" if z_mm is None else f"{VTKHDF} holds all planes"
-        raise PlenoPIVError(f"{target}: {needs}" + ("" if z_mm is None else "; leave --z out"))
-    if target.exists() and not overwrite:
-        raise PlenoPIVError(f"{target}: is there already; use --overwrite, or another name")
-    if source.suffix.lower() == VOLUME:
+    kind, of_volume = target.suffix.lower(), source.suffix.lower() == VOLUME
+    if kind not in FORMATS:
+        known = ", ".join(f"{ending} for {each.reader}" for ending, each in FORMATS.items())
+        raise PlenoPIVError(f"{target}: the ending names the format: {known}")
+    chosen = FORMATS[kind]
+    if of_volume and kind != ".vtkhdf":
+        holds = f"{chosen.reader}'s files hold" if not chosen.all_planes else f"{kind} files hold"
+        raise PlenoPIVError(f"{target}: {holds} vectors, {source.name} a volume; name a .vtkhdf file")
+    if not chosen.all_planes and z_mm is None:
+        raise PlenoPIVError(f"{target}: {chosen.reader}'s files hold one plane: choose it with --z")
+    if chosen.all_planes and z_mm is not None:
+        raise PlenoPIVError(f"{target}: {kind} holds all planes; leave --z out")
+    if chosen.all_times and time is not None:
+        raise PlenoPIVError(f"{target}: {kind} holds all times; leave --time out")
+    _refuse_to_replace(source, target, overwrite)
+    if of_volume:
         write_volume_vtkhdf(target, volume_in_laboratory(source))
         return Outcome(str(target), {"file": str(target)})
+    times = _write(kind, source, target, z_mm, time or 0)
+    part = f" (time {time or 0} of {times}, counted from 0)" if times > 1 and not chosen.all_times else ""
+    return Outcome(f"{target}{part}", {"file": str(target)})
+
+
+def _refuse_to_replace(source: Path, target: Path, overwrite: bool) -> None:
+    """Raise PlenoPIVError where ``target`` is there, or is what is read."""
+    if target.exists():
+        if source.exists() and target.samefile(source):
+            raise PlenoPIVError(f"{target}: is what would be read; write to another name")
+        if not overwrite:
+            raise PlenoPIVError(f"{target}: is there already; use --overwrite, or another name")
+
+
+def _write(kind: str, source: Path, target: Path, z_mm: float | None, time: int) -> int:
+    """Write vectors; returns how many times the field has."""
     dataset = read_velocity(source)
-    if z_mm is None:
+    if kind == ".vtkhdf":
         write_vtkhdf(target, dataset)
-    else:
+    elif kind == ".vti":
+        write_vti(target, dataset, time)
+    elif kind == ".csv":
+        write_table(target, dataset)
+    elif kind == ".mat":
+        write_matlab(target, dataset)
+    elif kind == ".txt":
+        assert z_mm is not None
         write_openpiv(target, dataset, z_mm, time)
-    return Outcome(str(target), {"file": str(target)})
+    else:
+        assert z_mm is not None
+        write_pivpy(target, dataset, z_mm)
+    return int(dataset.sizes["time"])

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.errors import PlenoPIVError
 from plenopiv.io.aside import written_aside
+from plenopiv.io.fields import at_time, frame_of, plane_at
 
 if TYPE_CHECKING:
     import xarray
@@ -40,13 +40,7 @@ def as_openpiv(dataset: xarray.Dataset, z_mm: float, time: int = 0) -> OpenPIVFi
     Raises:
         PlenoPIVError: ``z_mm`` is outside the field, or there is no such time.
     """
-    z = dataset.z.values
-    half = 0.5 * abs(z[1] - z[0]) if z.size > 1 else 0.5
-    if not z.min() - half <= z_mm <= z.max() + half:
-        raise PlenoPIVError(f"z = {z_mm:g} mm: vectors lie from z = {z.min():g} to {z.max():g} mm")
-    if not 0 <= time < dataset.sizes["time"]:
-        raise PlenoPIVError(f"time {time}: the field has {dataset.sizes['time']}, numbered from 0")
-    plane = dataset.isel(time=time).sel(z=z_mm, method="nearest").transpose("y", "x").sortby("y", ascending=False)
+    plane = at_time(plane_at(dataset, z_mm), time).transpose("y", "x").sortby("y", ascending=False)
     x, y = np.meshgrid(plane.x.values, plane.y.values)
     u, v = (plane[c].values.astype(float) for c in "uv")
     unseen = ~(np.isfinite(u) & np.isfinite(v))
@@ -61,6 +55,8 @@ def write_openpiv(path: str | Path, dataset: xarray.Dataset, z_mm: float, time: 
         PlenoPIVError: as ``as_openpiv``; or the file cannot be written, and nothing is left behind.
     """
     columns = np.column_stack([values.ravel() for values in as_openpiv(dataset, z_mm, time)])
+    units = f"x, y in mm, u, v in m/s at z = {float(plane_at(dataset, z_mm).z):g} mm; {frame_of(dataset)}"
+    flags = "flags: 0 measured, 2 replaced; mask: 1 not there (pivpy takes these for the opposite: export .nc for it)"
     formats = ["%.6e"] * 4 + ["%d"] * 2
     with written_aside(path) as aside:
-        np.savetxt(aside, columns, fmt=formats, delimiter="\t", header="x\ty\tu\tv\tflags\tmask")
+        np.savetxt(aside, columns, fmt=formats, delimiter="\t", header=f"x\ty\tu\tv\tflags\tmask\n{units}\n{flags}")

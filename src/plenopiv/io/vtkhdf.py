@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plenopiv.io.aside import hdf5_aside
+from plenopiv.io.fields import DIMS, even_axes, frame_of, point_arrays, units_of
 from plenopiv.volume import Volume
 
 if TYPE_CHECKING:
@@ -32,21 +33,18 @@ def write_vtkhdf(path: str | Path, dataset: xarray.Dataset) -> None:
     Raises:
         PlenoPIVError: the file cannot be written; nothing is left behind.
     """
-    vectors = {"velocity": ("u", "v", "w"), "velocity_std": ("u_std", "v_std", "w_std")}
-    dims = ("time", "z", "y", "x")
-    numbers = {str(n) for n, v in dataset.data_vars.items() if set(v.dims) == set(dims) and v.dtype.kind in "biuf"}
-    fields: dict[str, tuple[str, ...]] = {n: parts for n, parts in vectors.items() if numbers.issuperset(parts)}
-    taken = {part for parts in fields.values() for part in parts}
-    fields |= {str(n): (str(n),) for n in dataset.data_vars if n in numbers - taken}
+    fields = point_arrays(dataset)
     several = dataset.sizes["time"] > 1  # readers see no time axis in a single step
-    first, spacing, shape = _axes(dataset)
+    first, spacing, shape = even_axes(dataset)
     with _image(path, first, spacing, shape, dataset.time.values if several else None) as points:
         for name, parts in fields.items():
-            values = np.stack([dataset[part].transpose(*dims).values for part in parts], -1)
+            values = np.stack([dataset[part].transpose(*DIMS).values for part in parts], -1)
             small = np.uint8 if values.dtype == bool else np.float32 if values.dtype == np.float64 else values.dtype
             with np.errstate(over="ignore"):  # what is beyond single precision is infinite in it
                 kept = values.astype(small) if several else values.astype(small)[0]
-            points.create_dataset(name, data=kept, compression="gzip", shuffle=True)
+            array = points.create_dataset(name, data=kept, compression="gzip", shuffle=True)
+            array.attrs["units"] = units_of(dataset[parts[0]])  # VTK has no place for them and reads past them
+        points.parent.attrs["units"], points.parent.attrs["axes"] = "mm", frame_of(dataset)
 
 
 def write_volume_vtkhdf(path: str | Path, volume: Volume, name: str = "intensity") -> None:
@@ -63,14 +61,6 @@ def write_volume_vtkhdf(path: str | Path, volume: Volume, name: str = "intensity
         for lo in range(0, nz, SLAB):
             hi = min(lo + SLAB, nz)
             out[lo:hi] = volume.slab(lo, hi)
-
-
-def _axes(dataset: xarray.Dataset) -> tuple[tuple[float, ...], tuple[float, ...], tuple[int, int, int]]:
-    """First point, spacing (x, y, z) in mm, and shape (nz, ny, nx)."""
-    axes = [dataset[c].values.astype(float) for c in "xyz"]
-    spacing = tuple(float(a[1] - a[0]) if a.size > 1 else 1.0 for a in axes)
-    x, y, z = axes
-    return tuple(float(a[0]) for a in axes), spacing, (z.size, y.size, x.size)
 
 
 @contextmanager
