@@ -13,7 +13,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 from plenopiv.cameras.consistency import contradictions, mismatch
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.errors import PlenoPIVError
-from plenopiv.experiment import in_view, messages, text
+from plenopiv.experiment import changes, in_view, messages, text
 from plenopiv.experiment.compute import ComputeTable
 from plenopiv.experiment.medium import MediumTable, medium_contradictions
 from plenopiv.experiment.simulation_tables import SimulationTable
@@ -194,6 +194,33 @@ class Experiment(Table):
             frames, pairs = pairs_of(folder, table.pairs, table.stacked, others)
         sensor, dt_s, orientation = self.camera().sensor, table.dt_s, table.orientation
         return Recording(sensor, frames, white, dt_s, orientation, pairs, dark, background, of_frames, mask)
+
+    def changed(self, **keys: Any) -> Experiment:
+        """A copy with other keys, checked as a file is: ``experiment.changed(windows=[[64, 64, 16]], overlap=0.75)``.
+
+        A key is given by its name in the file. Where several tables have it, by its dotted name,
+        ``changed(**{"simulation.seed": 3})``, or its table, ``changed(simulation={"seed": 3})``, whose other keys stay.
+        None takes a key, or a table, out. Paths stay relative to the same file.
+
+        Raises:
+            PlenoPIVError: as ``load`` does; or several tables have the key.
+        """
+        tables = self.model_dump(by_alias=True, exclude_none=True)
+        try:
+            changes.change(tables, keys, messages.tables_of(Experiment))
+        except PlenoPIVError as error:
+            raise PlenoPIVError(f"{self._path}: {error}") from None
+        return Experiment.from_dict(tables, self._path)
+
+    def __repr__(self) -> str:
+        windows = ", ".join(" x ".join(map(str, window)) for window in self.correlation.windows)
+        dt = self.recording_table.dt_s
+        return (
+            f"<Experiment {self._path}: {self.camera()!r},\n {self.grid()!r},"
+            f" windows {windows} voxels, dt {dt:g} s, results in {self.output.directory}>"
+        )
+
+    __str__ = __repr__
 
     def on_device(self, device: str | None) -> Experiment:
         """The same on another ``compute.device``; None: this one.
