@@ -28,9 +28,7 @@ with h5py.File(folder / "velocity.vtkhdf") as file:
 write_openpiv(folder / "plane.txt", velocity, z_mm=1.0)
 plane = as_openpiv(velocity, z_mm=1.0)  # the same as arrays, rows from above, y and v upward
 replaced = int((plane.flags == 2).sum())
-print(
-    f"plane.txt        {plane.u.shape} (rows, columns), {replaced} vectors replaced, {plane.mask.sum()} seen by no view"
-)
+print(f"plane.txt        {plane.u.shape} (rows, columns), {replaced} replaced, {int(plane.mask.sum())} seen by no view")
 
 names = ["u", "v", "w", "u_std", "v_std", "w_std"]
 table = velocity.isel(time=0)[[*names, "valid"]].to_dataframe().reset_index()

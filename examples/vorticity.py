@@ -14,22 +14,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from plenopiv.io import read_velocity
-from plenopiv.velocity import q_criterion, velocity_gradient, vorticity
+from plenopiv.statistics import velocity_gradients
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "ring")
 field = read_velocity(folder / "results" / "velocity.nc").isel(time=0)
-gradient = velocity_gradient(field)  # (component u v w, derivative along x y z, z, y, x) in 1/s
-omega, q = vorticity(gradient), q_criterion(gradient)  # (x y z, z, y, x) in 1/s; (z, y, x) in 1/s^2
-
-
-def variance(component: str, axis: str) -> np.ndarray:
-    """Of a central difference, 1/s^2: of vectors whose windows, at 50 % overlap, touch but hardly share particles."""
-    std, spacing_m = field[f"{component}_std"], 1e-3 * float(field[axis][1] - field[axis][0])
-    return ((std.shift({axis: 1}) ** 2 + std.shift({axis: -1}) ** 2) / (2 * spacing_m) ** 2).values
-
-
-pairs = {"x": ("w", "y", "v", "z"), "y": ("u", "z", "w", "x"), "z": ("v", "x", "u", "y")}  # omega_x = dw/dy - dv/dz
-std = np.stack([np.sqrt(variance(a, b) + variance(c, d)) for a, b, c, d in pairs.values()])  # NaN at the faces
+found = velocity_gradients(field)  # xarray on (z, y, x): du_dx, ..., vorticity_x, ..., q; each with its _std
+omega, std = (np.stack([found[f"vorticity_{axis}{end}"] for axis in "xyz"]) for end in ("", "_std"))  # 1/s
+q = found.q.values  # 1/s^2
 
 for axis, values, error in zip("xyz", omega, std, strict=True):
     inside = np.where(np.isfinite(error), np.abs(values), -1.0)

@@ -82,6 +82,10 @@ class Chain:
     space: SpaceMap | None = None
     device: Device = CPU
 
+    def __repr__(self) -> str:
+        seen = repr(self.cameras[0]) if len(self.cameras) == 1 else f"{len(self.cameras)} cameras"
+        return f"<Chain {seen},\n {self.grid!r}, {len(self.correlation.passes)} correlation passes>"
+
     def __getstate__(self) -> dict[str, Any]:
         """The fields alone: the projection is made again where it is needed."""
         return {each.name: getattr(self, each.name) for each in fields(self)}

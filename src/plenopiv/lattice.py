@@ -15,7 +15,7 @@ where they are. It is a map of the plane, so that it stays as it is when lenses 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import cos, pi, sin, sqrt
+from math import cos, degrees, pi, sin, sqrt
 from typing import Literal
 
 import numpy as np
@@ -84,6 +84,12 @@ class Lattice:
     rotation_rad: float = 0.0
     offset_mm: tuple[float, float] = (0.0, 0.0)
     map: LatticeMap | None = None
+
+    def __repr__(self) -> str:
+        bent = "" if self.map is None else f", distorted by polynomials of degree {self.map.degree}"
+        return (
+            f"<Lattice {self.kind}, pitch {self.pitch_mm:g} mm, turned by {degrees(self.rotation_rad):.4g} deg{bent}>"
+        )
 
     @property
     def row_spacing(self) -> float:

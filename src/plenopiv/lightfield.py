@@ -48,6 +48,9 @@ class Layout:
     lost: NDArray[np.bool_] | None = None  # (view, lens): would be seen, but cannot be used
     light: NDArray[np.float32] | None = None  # (view, lens): of that light, what the lens' rim leaves; None for all
 
+    def __repr__(self) -> str:
+        return f"<Layout {self.views} views of {self.ni} x {self.nj} microlenses>"
+
     @property
     def views(self) -> int:
         """Number of views."""
@@ -78,6 +81,9 @@ class LightField:
 
     layout: Layout
     values: NDArray[np.float32]
+
+    def __repr__(self) -> str:
+        return f"<LightField {self.layout!r}, counts above the black level>"
 
 
 def disc_share(x: NDArray, y: NDArray, radius: float, strips: int = 32) -> NDArray:

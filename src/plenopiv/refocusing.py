@@ -15,6 +15,7 @@ Pictures are for inspection; reconstruction uses the raw pixels.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +25,9 @@ from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lattice import Lattice
 from plenopiv.lightfield import Layout, LightField
+
+if TYPE_CHECKING:
+    import xarray
 
 Axis = NDArray[np.float64]
 
@@ -43,8 +47,8 @@ def image_axes(camera: PlenopticCamera, step_mm: float | None = None) -> tuple[A
 
 def sub_aperture(
     lightfield: LightField, view: int, x_mm: ArrayLike | None = None, y_mm: ArrayLike | None = None
-) -> NDArray[np.float32]:
-    """What one view sees, read at the focal plane: float32 (y, x), row 0 at the largest y by default.
+) -> xarray.DataArray:
+    """What one view sees, read at the focal plane: float32 on (y, x) in mm, row 0 at the largest y by default.
 
     Counts of a pixel that the aperture lights wholly. The picture's pixels are at ``x_mm``, ``y_mm`` (1-D), by default
     ``image_axes``; NaN where no microlens nearby has a pixel of this view. Views are numbered as in ``Layout.offsets``.
@@ -56,7 +60,7 @@ def sub_aperture(
     if not 0 <= view < where.views:
         raise PlenoPIVError(f"view {view}: this camera has views 0 to {where.views - 1}")
     x, y = _axes(where.camera, x_mm, y_mm)
-    return _over(*_seen_through(lightfield, view, 0.0, x, y))
+    return _picture(*_seen_through(lightfield, view, 0.0, x, y), x, y, 0.0)
 
 
 def refocused(
@@ -65,8 +69,9 @@ def refocused(
     x_mm: ArrayLike | None = None,
     y_mm: ArrayLike | None = None,
     views: Iterable[int] | None = None,
-) -> NDArray[np.float32]:
-    """All ``views`` added up at depth ``z_mm`` of the object frame: float32 (y, x), row 0 at the largest y by default.
+) -> xarray.DataArray:
+    """All ``views`` added up at depth ``z_mm`` of the object frame: float32 on (y, x) in mm, row 0 at the largest y by
+    default.
 
     The mean over views, in counts of a pixel that the aperture lights wholly. Axes as in ``sub_aperture``, in mm at
     ``z_mm``; NaN where no view sees.
@@ -84,7 +89,7 @@ def refocused(
         counts, lit = _seen_through(lightfield, view, z_mm, x, y)
         light += counts
         share += lit
-    return _over(light, share)
+    return _picture(light, share, x, y, z_mm)
 
 
 def _axes(camera: PlenopticCamera, x_mm: ArrayLike | None, y_mm: ArrayLike | None) -> tuple[Axis, Axis]:
@@ -92,9 +97,14 @@ def _axes(camera: PlenopticCamera, x_mm: ArrayLike | None, y_mm: ArrayLike | Non
     return (x if x_mm is None else np.asarray(x_mm, float)), (y if y_mm is None else np.asarray(y_mm, float))
 
 
-def _over(light: NDArray, share: NDArray) -> NDArray[np.float32]:
+def _picture(light: NDArray, share: NDArray, x: Axis, y: Axis, z_mm: float) -> xarray.DataArray:
     """Counts over the lit share of the pixels that gave them; NaN where hardly any did."""
-    return np.where(share > 0.05, light / np.maximum(share, 0.05), np.nan).astype(np.float32)
+    import xarray
+
+    values = np.where(share > 0.05, light / np.maximum(share, 0.05), np.nan).astype(np.float32)
+    places = {name: (name, axis, {"units": "mm"}) for name, axis in (("y", y), ("x", x))}
+    about = {"units": "counts", "long_name": "mean of the views"}
+    return xarray.DataArray(values, {**places, "z": ((), z_mm, {"units": "mm"})}, ("y", "x"), "picture", about)
 
 
 def _seen_through(

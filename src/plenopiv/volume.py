@@ -38,6 +38,11 @@ class VoxelGrid:
         dx, dy, dz = (float(d) for d in voxel_mm)
         return cls((first[0], first[1], first[2]), (dx, dy, dz), (count[2], count[1], count[0]))
 
+    def __repr__(self) -> str:
+        limits = ", ".join(f"{n} {a:.4g} to {b:.4g}" for n, (a, b) in zip("xyz", self.limits_mm(), strict=True))
+        counts, sides = " x ".join(map(str, self.shape[::-1])), " x ".join(f"{d:.4g}" for d in self.voxel_mm)
+        return f"<VoxelGrid {limits} mm, {counts} voxels of {sides} mm>"
+
     @property
     def size(self) -> int:
         """Number of voxels."""
@@ -88,6 +93,9 @@ class DenseVolume:
     grid: VoxelGrid
     values: NDArray[np.float32]
 
+    def __repr__(self) -> str:
+        return f"<DenseVolume {self.grid!r}>"
+
     def with_values(self, values: NDArray[np.float32]) -> DenseVolume:
         """The same voxels with other intensities."""
         return DenseVolume(self.grid, values)
@@ -116,6 +124,9 @@ class SparseVolume:
     row_start: NDArray[np.int64]
     column: NDArray[np.uint16]
     values: NDArray[np.float32]
+
+    def __repr__(self) -> str:
+        return f"<SparseVolume {self.values.size} voxels not empty of {self.grid!r}>"
 
     @classmethod
     def from_mask(cls, grid: VoxelGrid, mask: NDArray[np.bool_], value: float = 1.0) -> SparseVolume:

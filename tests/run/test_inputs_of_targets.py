@@ -14,7 +14,7 @@ from plenopiv.experiment import Experiment
 from plenopiv.io.calibration_file import load_calibration
 from plenopiv.run import target
 from plenopiv.run.calibrated import calibrated_camera
-from plenopiv.run.inputs import calibrating_files
+from plenopiv.run.inputs import calibrating_files, exactly
 
 COLUMNS, ROWS = 120, 96
 IMAGES = "near/target.tif", "far/target.tif", "middle.tif"
@@ -93,7 +93,7 @@ def test_it_is_made_once_and_again_of_other_inputs(folder, made):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for _ in range(2):
-            assert repr(target.target_calibration(*opened(folder))) == repr(calibrated())
+            assert exactly(target.target_calibration(*opened(folder))) == exactly(calibrated())
     assert len(made) == 1
     write(folder / "middle.tif", 99)
     with pytest.warns(PlenoPIVWarning, match=r"calibration.toml: was made of other inputs \(middle.tif\); it is made"):
@@ -105,7 +105,7 @@ def test_it_is_made_once_and_again_of_other_inputs(folder, made):
 def test_what_a_summary_says_of_it(folder, made):
     """Residuals of all dots; a plane of which none is seen whole has none."""
     camera, said = calibrated_camera(*opened(folder))
-    assert repr(camera) == repr(calibrated().camera)
+    assert exactly(camera) == exactly(calibrated().camera)
     assert said["target_dots"] == 207
     assert said["target_residual_um"] == pytest.approx([0.31, 0.42, 3.3])
     assert said["pitch_mm"] == 0.0771
@@ -129,7 +129,7 @@ def test_a_results_folder_finds_the_one_beside_the_images(folder, made):
     results.mkdir()
     (results / "experiment.toml").write_text(experiment.dump_toml(results))
     again = Experiment.load(results / "experiment.toml")
-    assert repr(target.target_calibration(again, again.recording())) == repr(calibrated())
+    assert exactly(target.target_calibration(again, again.recording())) == exactly(calibrated())
     assert len(made) == 1
     assert [path.name for path in results.iterdir()] == ["experiment.toml"]
     write(folder / "middle.tif", 99)

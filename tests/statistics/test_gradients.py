@@ -34,6 +34,14 @@ def test_values_are_those_of_the_plain_functions(field_of):
         assert np.isfinite(found[name]).all()
 
 
+def test_a_field_without_error_bars_has_derivatives_without(field_of):
+    field = flow(field_of)
+    found = velocity_gradients(field[["u", "v", "w"]])
+    assert not [name for name in found if name.endswith("_std")]
+    np.testing.assert_array_equal(found.dw_dx, velocity_gradients(field).dw_dx)
+    assert "ancillary_variables" not in found.q.attrs
+
+
 def test_error_bars_are_the_scatter_over_noisy_fields(field_of, monkeypatch):
     """Noise with the stated standard deviations and a correlation of 0.5 and 0.2 along every axis."""
     rho = np.array([1.0, 0.5, 0.2])

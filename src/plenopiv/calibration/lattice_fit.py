@@ -49,6 +49,12 @@ class LatticeFit:
     shear_std_rad: float = 0.0
     rim: LensRim | None = None
 
+    def __repr__(self) -> str:
+        return (
+            f"<LatticeFit {self.lattice!r}, micro-images {self.image_pitch_px:.5g} px apart, residual"
+            f" {self.residual_px:.2g} px RMS, {self.microlenses} microlenses used, {self.rejected} not>"
+        )
+
     @property
     def rotation_deg(self) -> float:
         """Rotation of the rows from s, counter-clockwise in (s, t): in (-30, 30] if hexagonal, (-45, 45] if square."""

@@ -54,6 +54,14 @@ class PlenopticCamera:
     sensor: Sensor
     rim: LensRim | None = None
 
+    def __repr__(self) -> str:
+        lens, sensor = self.main_lens, self.sensor
+        return (
+            f"<PlenopticCamera f = {lens.focal_length_mm:g} mm, aperture {lens.aperture_mm:.4g} mm,"
+            f" M = {lens.magnification:g}; {self.lattice!r}, f_l = {self.microlens_focal_length_mm:g} mm;"
+            f" {sensor.columns} x {sensor.rows} px of {sensor.pixel_pitch_mm:g} mm>"
+        )
+
     @property
     def image_scale(self) -> float:
         """e = f_l / S_i: a main-lens coordinate u is e u wide under a microlens."""

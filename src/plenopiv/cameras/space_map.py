@@ -35,6 +35,11 @@ class Polynomial:
     degree: int
     coefficients: tuple[tuple[float, float, float], ...]
 
+    def __repr__(self) -> str:
+        ranges = zip("xyz", self.centre_mm, self.half_mm, strict=True)
+        limits = ", ".join(f"{name} {c - h:.4g} to {c + h:.4g}" for name, c, h in ranges)
+        return f"<Polynomial of degree {self.degree} in {limits} mm>"
+
     @classmethod
     def fitted(cls, points_mm: ArrayLike, images_mm: ArrayLike, degree: int, weights: ArrayLike = 1.0) -> Polynomial:
         """The polynomial that carries ``points_mm`` (n, 3) to ``images_mm`` (n, 3) with the least weighted squares.
@@ -119,6 +124,9 @@ class SpaceMap:
     to_lens: Polynomial
     to_laboratory: Polynomial
     left: ViewShift | None = None
+
+    def __repr__(self) -> str:
+        return f"<SpaceMap laboratory to lens space {self.to_lens!r}>"
 
     @classmethod
     def fitted(cls, laboratory_mm: ArrayLike, lens_mm: ArrayLike, degree: int = DEGREE) -> SpaceMap:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -45,6 +46,11 @@ class CheckResult:
     fit: fit.Fit | None = None
     light: light.Light | None = None
     motion: motion.Motion | None = None
+
+    def __repr__(self) -> str:
+        counts = Counter(finding.severity for finding in self.findings)
+        said = ", ".join(f"{number} {severity}" for severity, number in counts.items())
+        return f"<CheckResult of {self.name}: {said}>"
 
     @property
     def usable(self) -> bool:

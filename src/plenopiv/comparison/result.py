@@ -69,6 +69,9 @@ class Comparison:
     edges: NDArray[np.float64]
     shown: Shown | None
 
+    def __repr__(self) -> str:
+        return f"<Comparison of {self.a} and {self.b}: {self.both} of {self.vectors} vectors measured in both>"
+
     def row(self, component: str, depth_mm: tuple[float, float] | None = None) -> Row:
         """Of one component, at all depths or in one third.
 

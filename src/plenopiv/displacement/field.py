@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import xarray
 
 
 @dataclass(frozen=True)
@@ -37,8 +41,25 @@ class DisplacementField:
     std: NDArray[np.float64]
     solid: NDArray[np.bool_] | None = None
 
+    def __repr__(self) -> str:
+        counts = " x ".join(map(str, self.valid.shape[::-1]))
+        return f"<DisplacementField {counts} vectors (x, y, z) in voxels, {int((~self.valid).sum())} replaced>"
+
     def without(self, solid: NDArray[np.bool_]) -> DisplacementField:
         """The same, the vectors of ``solid`` windows (nz, ny, nx) not measured."""
         each = {name: np.where(solid, np.nan, getattr(self, name)) for name in ("displacement", "raw", "std")}
         ratio = np.where(solid, np.float32(np.nan), self.peak_ratio)
         return replace(self, **each, valid=self.valid & ~solid, peak_ratio=ratio, solid=solid)
+
+    def as_xarray(self) -> xarray.Dataset:
+        """The same as a dataset on (z, y, x), voxel indices: dx, dy, dz, their _raw and _std in voxels per frame,
+        valid, peak_ratio."""
+        import xarray
+
+        dims, voxels = ("z", "y", "x"), {"units": "voxel"}
+        held: dict = {}
+        for end, values in (("", self.displacement), ("_raw", self.raw), ("_std", self.std)):
+            held |= {f"d{axis}{end}": (dims, values[k], voxels) for k, axis in enumerate("xyz")}
+        held |= {"valid": (dims, self.valid), "peak_ratio": (dims, self.peak_ratio, {"units": "1"})}
+        axes = {axis: (axis, getattr(self, axis), voxels) for axis in dims}
+        return xarray.Dataset(held, axes)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,10 @@ from plenopiv.errors import PlenoPIVError, brief
 from plenopiv.hdf5 import damage
 from plenopiv.io.aside import hdf5_aside
 from plenopiv.reconstruction.resampling import resampled
-from plenopiv.volume import SparseVolume, VoxelGrid
+from plenopiv.volume import SparseVolume, Volume, VoxelGrid
+
+if TYPE_CHECKING:
+    import xarray
 
 Content = TypeVar("Content")
 TO_LABORATORY, MOST_DEGREE = "to_laboratory", 20
@@ -82,6 +85,16 @@ def read_volume(path: str | Path, known: bool = False) -> SparseVolume:
         PlenoPIVError: missing, damaged, or another file.
     """
     return _read(path, known, _volume)
+
+
+def as_xarray(volume: Volume) -> xarray.DataArray:
+    """A reconstructed volume, every voxel of it, float32 on (z, y, x) in mm: four bytes a voxel of memory."""
+    import xarray
+
+    grid = volume.grid
+    x, y, z = grid.axes()
+    axes = {name: (name, values, {"units": "mm"}) for name, values in (("z", z), ("y", y), ("x", x))}
+    return xarray.DataArray(volume.slab(0, grid.shape[0]), axes, ("z", "y", "x"), "intensity")
 
 
 def volume_in_laboratory(path: str | Path) -> SparseVolume:

@@ -43,6 +43,10 @@ class Reconstruction:
     candidates: float
     residuals: tuple[float, ...]
 
+    def __repr__(self) -> str:
+        left = f"{self.residuals[-1]:.3g}" if self.residuals else "unknown"
+        return f"<Reconstruction {self.volume!r}, {len(self.residuals)} iterations, residual {left} counts RMS>"
+
 
 class Steps(NamedTuple):
     """How a tile is reconstructed: ``find`` its candidates, the rows of a tile that are ``listed``, the volume

@@ -50,6 +50,14 @@ class Recording:
     mask: Path | tuple[Polygon, ...] | None = None
     damaged: dict[int, str] = field(init=False, compare=False, default_factory=dict)
 
+    def __repr__(self) -> str:
+        names = self.names if len(self.names) < 4 else (self.names[0], "...", self.names[-1])
+        white = "no white image" if self.white_path is None else f"white image {self.white_path.name}"
+        return (
+            f"<Recording {len(self.names)} frames ({', '.join(names)}), {len(self.pairs)} pairs, dt {self.dt_s:g} s,"
+            f" {self.sensor.columns} x {self.sensor.rows} px, {self.orientation}, {white}>"
+        )
+
     def __post_init__(self) -> None:
         frames = tuple(f if isinstance(f, ImageSource) else only_source(f) for f in self.frames)
         object.__setattr__(self, "frames", frames)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -77,11 +78,23 @@ def calibration_of(chain: Chain, recording: Recording) -> dict[str, Any]:
     static = recording.static_light
     arrays = [*chain.unusable, *([] if static is None else [static.dark, *(static.pulses or ())])]
     return {
-        "cameras": repr(chain.cameras),
-        "counts_per_electron": repr(chain.counts_per_electron),
+        "cameras": exactly(chain.cameras),
+        "counts_per_electron": exactly(chain.counts_per_electron),
         "images": [None if array is None else of_image(array) for array in arrays],
-        **({} if chain.space is None else {"space": digest_of(repr(chain.space))}),
+        **({} if chain.space is None else {"space": digest_of(exactly(chain.space))}),
     }
+
+
+def exactly(value: Any) -> str:
+    """All that a dataclass holds, and dataclasses in it, to the last bit, where ``repr`` is short."""
+    if is_dataclass(value) and not isinstance(value, type):
+        held = [f"{each.name}={exactly(getattr(value, each.name))}" for each in fields(value) if each.repr]
+        return f"{type(value).__qualname__}({', '.join(held)})"
+    if type(value) is dict:
+        return "{" + ", ".join(f"{exactly(key)}: {exactly(each)}" for key, each in value.items()) + "}"
+    if type(value) is tuple:
+        return f"({', '.join(map(exactly, value))}{',' * (len(value) == 1)})"
+    return repr(value)
 
 
 def of_image(image: NDArray) -> str:

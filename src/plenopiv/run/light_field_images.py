@@ -73,7 +73,7 @@ def views(lightfield: LightField, across: int) -> Views:
     x, y = image_axes(camera)
 
     def seen(m: int, n: int) -> NDArray[np.float32] | None:
-        picture = sub_aperture(lightfield, number[m, n], x, y) if (m, n) in number else None
+        picture = sub_aperture(lightfield, number[m, n], x, y).values if (m, n) in number else None
         return None if picture is None or np.isnan(picture).mean() > HOLES else picture
 
     return Views(
@@ -97,7 +97,7 @@ def focal_stack(
     x, y = image_axes(camera, 0.5 * camera.lattice.pitch_mm / abs(camera.main_lens.magnification))
     pictures = []
     for k, z in enumerate(z_mm):
-        pictures.append(refocused(lightfield, z, x, y))
+        pictures.append(refocused(lightfield, z, x, y).values)
         if progress:
             progress("refocusing", k + 1, len(z_mm))
     return pictures, x, y

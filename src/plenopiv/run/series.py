@@ -54,6 +54,13 @@ class RunResult:
     directory: Path
     measured: tuple[int, int] = (1, 1)
 
+    def __repr__(self) -> str:
+        vectors, replaced = self.summary.get("vectors", 0), self.summary.get("replaced_share", 0.0)
+        done, pairs = self.measured
+        return (
+            f"<RunResult {self.directory}: {done} of {pairs} pairs, {vectors} vectors, {100 * replaced:.2g} % replaced>"
+        )
+
     @cached_property
     def velocity(self) -> xarray.Dataset:
         """The field of velocity.nc, dims (time, z, y, x): of one pair in memory, of a series read as it is asked for.

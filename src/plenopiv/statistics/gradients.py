@@ -38,10 +38,10 @@ _INSIDE = 9  # windows along each axis in which the correlation is computed: non
 
 def velocity_gradients(field: xr.Dataset, settings: CorrelationSettings | None = None) -> xr.Dataset:
     """du_dx, du_dy, ... dw_dz, vorticity_x, vorticity_y, vorticity_z, divergence in 1/s and q in 1/s^2, on (z, y, x),
-    each with its standard deviation ``<name>_std``.
+    each with its standard deviation ``<name>_std`` where the field has those of the velocity.
 
-    ``field``: one time, u, v, w and u_std, v_std, w_std in m/s on coordinates in mm. ``settings``: those that it was
-    measured with, for the correlation of neighbouring errors; None: the defaults.
+    ``field``: one time, u, v, w and (may be left out) u_std, v_std, w_std in m/s on coordinates in mm. ``settings``:
+    those that it was measured with, for the correlation of neighbouring errors; None: the defaults.
 
     Raises:
         PlenoPIVError: an axis with a single vector, or several times.
@@ -50,7 +50,10 @@ def velocity_gradients(field: xr.Dataset, settings: CorrelationSettings | None =
 
     g = velocity_gradient(field)
     correlation = neighbour_correlation(settings or CorrelationSettings())
-    std = np.stack([field[f"{name}_std"].transpose(*DIMS).values.astype(float) for name in "uvw"])
+    known = all(f"{name}_std" in field for name in "uvw")
+    std = np.zeros(g.shape[1:])
+    if known:
+        std = np.stack([field[f"{name}_std"].transpose(*DIMS).values.astype(float) for name in "uvw"])
     variance = np.empty_like(g)
     for j, axis in enumerate("xyz"):
         place_m = field[axis].values * 1e-3
@@ -70,6 +73,9 @@ def velocity_gradients(field: xr.Dataset, settings: CorrelationSettings | None =
         text, units = _meaning(name)
         about = {"units": units, "long_name": text, "ancillary_variables": f"{name}_std"}
         variables[name] = DIMS, values, about
+        if not known:
+            del about["ancillary_variables"]
+            continue
         variables[f"{name}_std"] = (
             DIMS,
             np.sqrt(square),

@@ -57,6 +57,9 @@ class TargetCalibration:
     field_um: tuple[tuple[tuple[float, float, float], ...], ...]
     views_um: tuple[tuple[int, int, float, float], ...]
 
+    def __repr__(self) -> str:
+        return f"<TargetCalibration {len(self.planes)} planes, {self.camera!r}>"
+
     def space(
         self, laboratory: Limits, origin_mm: tuple[float, float, float] = (0.0, 0.0, 0.0), turn_deg: float = 0.0
     ) -> SpaceMap:
