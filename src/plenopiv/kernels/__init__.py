@@ -10,9 +10,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from plenopiv.kernels.numba_internals import borrowed, compiled, intrinsic
+from plenopiv.kernels.numba_internals import borrowed, compile_seconds, compiled, intrinsic
 
-__all__ = ["borrowed", "inlined", "intrinsic", "kernel", "part", "part_with_way_in", "plain_kernel", "plain_part"]
+__all__ = [
+    "borrowed",
+    "compile_seconds",
+    "inlined",
+    "intrinsic",
+    "kernel",
+    "part",
+    "part_with_way_in",
+    "plain_kernel",
+    "plain_part",
+]
 
 FAST = {"reassoc", "nsz", "arcp", "contract", "afn"}  # without nnan and ninf: kernels may test for them
 PLAIN: dict[str, Any] = {"nogil": True, "no_cfunc_wrapper": True}

@@ -13,6 +13,7 @@ import contextlib
 import gc
 import os
 import pickle
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -26,7 +27,7 @@ from numba.core.serialize import dumps
 from plenopiv.kernels.sources import Unknown, text_of
 from plenopiv.kernels.store import Store, folder
 
-__all__ = ["Inlined", "Kernel", "Part", "borrowed", "cgutils", "compiled", "event", "intrinsic"]
+__all__ = ["Inlined", "Kernel", "Part", "borrowed", "cgutils", "compile_seconds", "compiled", "event", "intrinsic"]
 
 
 def _optimise_as_set() -> None:
@@ -118,20 +119,29 @@ class _RareCollections(event.Listener):
     eighth of all compilation. Numba's lock lets one thread compile at a time."""
 
     depth = 0
+    seconds = 0.0  # of all compilation in this process
 
     def on_start(self, _: event.Event) -> None:
         if self.depth == 0:
             self.usual = gc.get_threshold()
             gc.set_threshold(max(self.usual[0], 50_000) if self.usual[0] else 0, *self.usual[1:])
+            self.begun = time.perf_counter()
         self.depth += 1
 
     def on_end(self, _: event.Event) -> None:
         self.depth -= 1
         if self.depth == 0:
             gc.set_threshold(*self.usual)
+            self.seconds += time.perf_counter() - self.begun
 
 
-event.register("numba:compile", _RareCollections())
+_compiling = _RareCollections()
+event.register("numba:compile", _compiling)
+
+
+def compile_seconds() -> float:
+    """What this process has spent on compiling kernels so far."""
+    return _compiling.seconds
 
 
 def _unowned(context: Any, builder: Any, kind: Any, value: Any) -> Any:

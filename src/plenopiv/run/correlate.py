@@ -21,6 +21,7 @@ from plenopiv.run.kept import KeptVolumes
 from plenopiv.run.log import Clock, kept_warnings
 from plenopiv.run.pair import Job, PairRecord
 from plenopiv.run.plan import Plan, plan_between_volumes
+from plenopiv.run.present import as_it_is_now, remember
 from plenopiv.run.series import RunResult
 from plenopiv.run.shown import VolumeShown
 from plenopiv.run.stored import StoredSeries, ask_for_space, summary_there, tell_kept, tell_plan, times_of
@@ -87,6 +88,7 @@ def correlate(
             return RunResult(summary_there(folder), directory, (count, count))
         planned = fields.plan(plan_between_volumes(chain))
         left = [number for number in range(count) if number not in folder.finished]
+        planned = as_it_is_now(planned)
         tell_plan(planned, 2 * len(left), len(left))
         ask_for_space(folder, planned, len(left))
 
@@ -101,6 +103,7 @@ def correlate(
         )
         shown = VolumeShown(chain, lambda: kept.volume(recording, recording.pairs[kept.measurable[0]][0]), clock)
         series.store(fields.measured(job, left, clock, report, shown), len(left))
+        remember(planned)
         summary = series.put_together(shown.of, more={"volumes_of": str(kept.results), **fields.summary})
     return RunResult(summary, directory, (count, count))
 

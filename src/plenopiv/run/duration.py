@@ -2,14 +2,15 @@
 
 The constants are times of one core of the machine in docs/speed.md, fitted to the runs of docs/accuracy.md;
 benchmarks/speed/scaling.py has predicted beside measured times. Another machine, or an unusual density of particles,
-shows when the first frame is done: what is left is then scaled by the time that it took.
+shows when the first frame is done: what is left is then scaled by the time that it took. Before, ``present`` measures
+how fast the machine is at the moment, and whether kernels are compiled.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import pi, prod
+from math import log, pi, prod
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.displacement.settings import CorrelationSettings, Pass
@@ -23,24 +24,44 @@ EVERY_VOXEL = 1.0e-7  # s, a voxel in one iteration where all are candidates
 WINDOW = 2.0e-8  # s, a voxel of a window in one pass
 RESAMPLED = 1.7e-8  # s, a voxel of the laboratory's grid, for a volume of which 6 % are listed
 START = 7.5  # s, calibration, libraries, report with its figures
+TOLD = 1.5  # ratio of speeds from which on it is told
 
 
 @dataclass(frozen=True)
 class TimeEstimate:
-    """Seconds of a frame's reconstruction, a pair's correlation, and all else."""
+    """Seconds of a frame's reconstruction, a pair's correlation, and all else; ``compiling``: of kernels, once.
+
+    ``speed``: of the machine when this was estimated, over that of the constants.
+    """
 
     frame: float
     pair: float
     start: float = START
+    compiling: float = 0.0
+    speed: float = 1.0
+
+    def at_speed(self, speed: float, compiling: float = 0.0) -> TimeEstimate:
+        """The same on a machine of another speed, which has kernels to compile for ``compiling`` seconds."""
+        return TimeEstimate(self.frame / speed, self.pair / speed, self.start / speed, compiling, speed)
 
     def run(self, frames: int, pairs: int | None = None) -> float:
         """Seconds of a run of so many frames and pairs; each with the next where the number of pairs is left out."""
-        return self.start + frames * self.frame + (frames - 1 if pairs is None else pairs) * self.pair
+        return self.start + self.compiling + frames * self.frame + (frames - 1 if pairs is None else pairs) * self.pair
 
-    def left(self, frames: int, took: float, pairs: int | None = None) -> float:
-        """Seconds left after the first of so many frames, which took ``took``."""
+    def left(self, frames: int, took: float, pairs: int | None = None, compiled: float = 0.0) -> float:
+        """Seconds left after the first of so many frames, which took ``took``, without the ``compiled`` seconds of
+        compilation until now."""
         rest = (frames - 1) * self.frame + (frames - 1 if pairs is None else pairs) * self.pair
-        return took / self.frame * rest
+        return took / self.frame * rest + max(self.compiling - compiled, 0.0)
+
+    def words(self, frames: int, pairs: int) -> str:
+        """What a run of so many frames and pairs takes, and why it takes more or less than elsewhere."""
+        text = f"about {as_text(self.run(frames, pairs))}"
+        if self.compiling >= 1.0:
+            text += f", {self.compiling:.0f} s of it to compile kernels, once on this machine"
+        if abs(log(self.speed)) > log(TOLD):
+            text += f"; this machine has now {100 * self.speed:.0f} % of the speed of that in docs/speed.md"
+        return text
 
 
 def estimate(

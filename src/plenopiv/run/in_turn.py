@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Generator, Sequence
 
+from plenopiv.kernels import compile_seconds
 from plenopiv.run import duration
 from plenopiv.run.frame import Frame, LostFrame, Progress
 from plenopiv.run.log import Clock
@@ -27,11 +28,13 @@ def in_turn(
         for k in pairs[number]:
             if k in held or any(isinstance(held.get(other), LostFrame) for other in pairs[number]):
                 continue
+            before_it = compile_seconds()
             with clock("reconstruction"):
                 held[k] = job.frame(k, report)
             if not told and isinstance(held[k], Frame):
                 told = True
-                left = planned.takes.left(frames, clock.seconds["reconstruction"], len(numbers))
+                took = clock.seconds["reconstruction"] - (compile_seconds() - before_it)
+                left = planned.takes.left(frames, took, len(numbers), compile_seconds())
                 log.info("%s reconstructed; about %s left", held[k].source.name, duration.as_text(left))
         before, after = (held.get(k) or job.not_asked(k) for k in pairs[number])
         shown.see(number, before)

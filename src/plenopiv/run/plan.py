@@ -22,12 +22,13 @@ COMPILED = 30.0  # s, a device's programs, where none is kept
 @dataclass(frozen=True)
 class Plan:
     """The chain of a run, in tiles where memory is short, and the memory and time that it will take; ``on_device``:
-    bytes of a graphics processor's memory, 0 without one."""
+    bytes of a graphics processor's memory, 0 without one; ``reconstructs``: volumes are not there yet."""
 
     chain: Chain
     needed: MemoryEstimate
     takes: TimeEstimate
     on_device: float = 0.0
+    reconstructs: bool = True
 
     @property
     def tiles(self) -> int:
@@ -45,11 +46,11 @@ def plan_between_volumes(chain: Chain) -> Plan:
     volume = READ + duration.resampling_s(chain.grid, chain.lens_grid) / threads  # in an ensemble more than once a pair
     takes = TimeEstimate(volume, pair, START)
     if chain.device.kind == "cpu":
-        return Plan(chain, needed, takes)
+        return Plan(chain, needed, takes, reconstructs=False)
     from plenopiv.device.plan import pair_of  # here: it needs JAX
 
     on_device = pair_of(chain.grid, chain.correlation, chain.device)
-    return Plan(chain, needed, replace(takes, pair=on_device.seconds, start=START + COMPILED), on_device.bytes)
+    return Plan(chain, needed, replace(takes, pair=on_device.seconds, start=START + COMPILED), on_device.bytes, False)
 
 
 def plan(chain: Chain, memory_gb: float | None = None) -> Plan:

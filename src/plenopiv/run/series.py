@@ -32,6 +32,7 @@ from plenopiv.run.judged import judged
 from plenopiv.run.log import Clock, kept_warnings
 from plenopiv.run.pair import Job
 from plenopiv.run.plan import plan
+from plenopiv.run.present import as_it_is_now, remember
 from plenopiv.run.share import limit_of_worker, shared_plan
 from plenopiv.run.shown import Shown
 from plenopiv.run.stored import StoredSeries, ask_for_space, summary_there, tell_kept, tell_plan, times_of
@@ -139,6 +140,8 @@ def run(
             return RunResult(summary_there(folder), folder.directory, (len(recording.pairs), len(recording.pairs)))
         left = [number for number in wanted if number not in folder.finished]
         frames = len({k for number in left for k in recording.pairs[number]})
+        if pool is None or pool.workers.count:  # a scheduler's workers are other machines
+            planned = as_it_is_now(planned)
         tell_plan(planned, frames, len(left), None if share is None else share.text)
         ask_for_space(folder, planned, len(left), frames if experiment.output.volumes else 0)
 
@@ -163,6 +166,7 @@ def run(
         with closing(turns(job, left, clock=clock, shown=shown)) as records:
             series.store(records, len(left))
         until_measured.close()
+        remember(planned)
         if pairs is not None:
             done = sum(number in folder.finished for number in range(len(recording.pairs)))
             return RunResult({}, folder.directory, (done, len(recording.pairs)))

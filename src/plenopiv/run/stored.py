@@ -16,7 +16,6 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.io.series_folder import SeriesFolder
 from plenopiv.recording import Recording
-from plenopiv.run import duration
 from plenopiv.run.frame import Progress
 from plenopiv.run.judged import Judgement, Told
 from plenopiv.run.log import Clock
@@ -137,7 +136,7 @@ def tell_plan(planned: Plan, frames: int, pairs: int, memory: str | None = None)
     log.info("memory: %s", memory or f"about {planned.needed.peak / 1e9:.2g} GB")
     if (device := planned.chain.device).kind != "cpu":
         log.info("device: %s; about %.2g GB of its memory", device.text, planned.on_device / 1e9)
-    log.info("time: about %s", duration.as_text(planned.takes.run(frames, pairs)))
+    log.info("time: %s", planned.takes.words(frames, pairs))
 
 
 def ask_for_space(folder: SeriesFolder, planned: Plan, pairs: int, volumes: int = 0) -> None:
