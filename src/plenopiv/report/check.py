@@ -9,10 +9,11 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from plenopiv.checks import CheckResult
 from plenopiv.errors import printable
-from plenopiv.report.figures import BLUE, GREEN, INK, ORANGE, STYLE, written
+from plenopiv.report.figures import BLUE, GREEN, INK, ORANGE, STYLE, TITLE, arrow_key, written
 from plenopiv.report.views import RawCrop, raw_crops
 
 RED = "#b3261e"
@@ -62,13 +63,33 @@ def _shifts(axes: Axes, found: CheckResult) -> None:
         return _nothing(axes, "frames were not compared\nwith the white image")
     rows, columns = found.frame.shape
     place, shift = found.fit.centres_px, found.fit.shifts_px
-    key = float(f"{max(np.percentile(np.hypot(*shift.T), 90), 0.1):.1g}")
+    length = np.hypot(*shift.T)
+    shift, beyond = _shortened(shift, usual := max(_usual(length), 0.1))
+    key = float(f"{usual:.1g}")
     span = 0.12 * max(rows, columns)
-    arrows = axes.quiver(*place.T, *shift.T, angles="xy", scale_units="xy", scale=key / span, color=BLUE, width=0.006)
-    axes.quiverkey(arrows, 0.78, 1.04, key, f"{key:g} px", labelpos="E")
+    axes.quiver(*place.T, *shift.T, angles="xy", scale_units="xy", scale=key / span, color=BLUE, width=0.006)
+    arrow_key(axes, 0, span, f"{key:g} px{_said(beyond)}")
     axes.set(xlim=(0, columns), ylim=(rows, 0), xlabel="column (px)", ylabel="row (px)", aspect="equal")
-    axes.set_title("frame off the white image", loc="left")
+    axes.set_title("frame off the white image", loc="left", pad=TITLE)
     return None
+
+
+def _usual(length: NDArray) -> float:
+    """The length that arrows are drawn to the scale of: the nineteenth of twenty, no more than five medians, so that a
+    few outliers do not shrink all others to points."""
+    return float(min(np.percentile(length, 95), 5 * np.median(length))) or float(length.max())
+
+
+def _shortened(vectors: NDArray, usual: float) -> tuple[NDArray, int]:
+    """Vectors (n, 2 or more), by their first two no longer than twice ``usual``, and how many were longer."""
+    length = np.hypot(vectors[:, 0], vectors[:, 1])
+    longest = 2 * usual
+    factor = np.minimum(1.0, longest / np.maximum(length, 1e-300))
+    return vectors * factor[:, None], int((length > longest).sum())
+
+
+def _said(beyond: int) -> str:
+    return f"; {beyond} longer, drawn shortened" if beyond else ""
 
 
 def _counts(axes: Axes, found: CheckResult) -> None:
@@ -91,22 +112,23 @@ def _moves(axes: Axes, found: CheckResult) -> None:
     if found.motion is None or not len(found.motion.displacement_mm):
         return _nothing(axes, "no displacement was found")
     place, move = found.motion.place_mm, found.motion.displacement_mm
-    largest = float(np.hypot(*move[:, :2].T).max()) or 1.0
+    usual = _usual(np.hypot(*move[:, :2].T)) or 1.0
+    flat, beyond = _shortened(move[:, :2], usual)
     reach = max(float(np.ptp(place[:, 0])), float(np.ptp(place[:, 1])), 0.5)
     span = 0.25 * reach
     arrows = axes.quiver(
-        place[:, 0], place[:, 1], move[:, 0], move[:, 1], move[:, 2],
-        angles="xy", scale_units="xy", scale=largest / span, cmap="coolwarm", width=0.008,
+        place[:, 0], place[:, 1], flat[:, 0], flat[:, 1], move[:, 2],
+        angles="xy", scale_units="xy", scale=usual / span, cmap="coolwarm", width=0.008,
     )  # fmt: skip
-    deepest = float(np.abs(move[:, 2]).max()) or 1.0
+    deepest = _usual(np.abs(move[:, 2])) or 1.0
     arrows.set_clim(-deepest, deepest)
-    key = float(f"{largest:.1g}")
-    axes.quiverkey(arrows, 0.8, 1.04, key, f"{key:g} mm", labelpos="E")
-    axes.set_title("estimated displacement", loc="left")
+    key = float(f"{usual:.1g}")
+    axes.set_title("estimated displacement", loc="left", pad=TITLE)
     x, y = place[:, 0].mean(), place[:, 1].mean()
     axes.set(xlim=(x - 0.8 * reach, x + 0.8 * reach), ylim=(y - 0.8 * reach, y + 0.8 * reach))
     axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
-    axes.figure.colorbar(arrows, ax=axes, label="along z (mm)", shrink=0.8)
+    arrow_key(axes, x - 0.8 * reach, key / usual * span, f"{key:g} mm{_said(beyond)}")
+    axes.figure.colorbar(arrows, ax=axes, label="along z (mm)", shrink=0.8, extend="both")
     return None
 
 

@@ -7,14 +7,18 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib import rc_context
+from matplotlib import colormaps, rc_context
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.image import imread, imsave
+from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 from numpy.typing import NDArray
 
 from plenopiv.errors import printable
+from plenopiv.report.limits import OF_SPEED, colour_limits
 from plenopiv.report.stacks import joined
 from plenopiv.report.views import Projections, RawCrop
 from plenopiv.velocity import replaced
@@ -24,8 +28,15 @@ if TYPE_CHECKING:
 
 INK, BLUE, ORANGE, GREEN = "#1f2933", "#1f6fb2", "#d9822b", "#3c8c4a"
 COLOURS = {"u": BLUE, "v": ORANGE, "w": GREEN}
+# under dark arrows
+MAPS = {
+    "sequential": ListedColormap(colormaps["YlGnBu"](np.linspace(0.02, 0.6, 256))),
+    "diverging": ListedColormap(colormaps["RdBu_r"](np.linspace(0.1, 0.9, 256))),
+}
 ARROWS = 26  # along the longer side of a slice
 PIXELS = 1200  # more than this along a side is joined, brightest first
+DPI, PADDING = 130, 0.1  # of figures, inches around them
+TITLE = 18  # points between a title and its axes, with an arrow's key in between
 STYLE: Any = {"font.size": 9.0, "axes.titlesize": 10.0, "axes.edgecolor": "#8794a1", "axes.linewidth": 0.8}
 
 # name of a slice: (horizontal axis, vertical axis, normal, in-plane components, component along the normal)
@@ -46,14 +57,35 @@ def png_and_pdf(figure: Figure, kinds: Sequence[str] = ("png", "pdf")) -> dict[s
     """A figure in files of these kinds, laid out once; without dates, so that the same run writes the same files."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
-    tight = figure.get_tightbbox().padded(0.1)
+    tight = figure.get_tightbbox().padded(PADDING)
     found = {}
     for kind in kinds:
         buffer = io.BytesIO()
         dates: dict[str, Any] = {"metadata": {"CreationDate": None}} if kind == "pdf" else {}
-        figure.savefig(buffer, format=kind, dpi=130, facecolor="white", bbox_inches=tight, **dates)
+        figure.savefig(buffer, format=kind, dpi=DPI, facecolor="white", bbox_inches=tight, **dates)
         found[kind] = buffer.getvalue()
     return found
+
+
+def panels(figure: Figure, whole: bytes = b"") -> list[bytes]:
+    """The panels of a figure that stand side by side, each as PNG, cut from the PNG of the ``whole``: on a narrow page
+    they stand one below the other."""
+    whole = whole or png(figure)
+    left = figure.get_tightbbox().padded(PADDING).x0
+    boxes = [axes.get_tightbbox() for axes in figure.axes]  # colour bars within their axes'
+    spans = sorted((box.x0 / figure.dpi, box.x1 / figure.dpi) for box in boxes if box is not None)
+    cuts, end = [], spans[0][1]
+    for x0, x1 in spans[1:]:
+        if x0 > end - 0.03:  # layouts let panels touch
+            cuts.append(round((0.5 * (x0 + end) - left) * DPI))
+        end = max(end, x1)
+    image = imread(io.BytesIO(whole), format="png")
+    found = []
+    for first, last in zip([0, *cuts], [*cuts, image.shape[1]], strict=True):
+        buffer = io.BytesIO()
+        imsave(buffer, image[:, first:last], format="png")
+        found.append(buffer.getvalue())
+    return found if cuts else [whole]
 
 
 @rc_context(STYLE)
@@ -114,28 +146,30 @@ def velocity_figure(dataset: xarray.Dataset) -> Figure:
     shown = dataset.isel(time=0)
     figure = Figure(figsize=(12.5, 4.4), layout="constrained")
     longest = max(_largest(np.hypot(shown[a].values, shown[b].values)) for *_, (a, b), _ in SLICES.values())
+    fastest = _largest(np.sqrt(sum(shown[name].values.astype(float) ** 2 for name in "uvw")))
     for axes, (name, (right, up, normal, inside, through)) in zip(_row(figure, 3), SLICES.items(), strict=True):
         middle = shown.sizes[normal] // 2
         plane = shown.isel({normal: middle}).transpose(up, right, ...)
         h, v = plane[right].values, plane[up].values
         colour = plane[through].values
-        limit = 1.25 * _largest(colour) or 1.0  # so that arrows stay readable on the strongest colours
+        kind, low, high = colour_limits(colour, OF_SPEED * fastest)
         extent = (*faces(h), *faces(v))
-        picture = axes.imshow(colour, cmap="RdBu_r", vmin=-limit, vmax=limit, extent=extent, origin="lower")
+        picture = axes.imshow(colour, cmap=MAPS[kind], vmin=low, vmax=high, extent=extent, origin="lower")
         step = max(1, -(-max(h.size, v.size) // ARROWS))
         cut = (slice(None, None, step), slice(None, None, step))
         spacing = step * min((abs(a[1] - a[0]) for a in (h, v) if a.size > 1), default=1.0)
-        arrows = axes.quiver(
+        scale = (longest or 1.0) / (1.6 * spacing)  # m/s in a mm
+        axes.quiver(
             h[::step], v[::step], plane[inside[0]].values[cut], plane[inside[1]].values[cut],
-            color=INK, angles="xy", scale_units="xy", scale=(longest or 1.0) / (1.6 * spacing), width=0.004,
+            color=INK, angles="xy", scale_units="xy", scale=scale, width=0.004,
         )  # fmt: skip
-        axes.quiverkey(arrows, 0.92, 1.05, _round(longest), f"{_round(longest):g} m/s", labelpos="W")
         crossed = replaced(plane).values
         if crossed.any():
             rows, columns = np.nonzero(crossed)
             axes.plot(h[columns], v[rows], "x", color=INK, markersize=3, alpha=0.6)
         position = float(shown[normal].values[middle])
-        axes.set_title(f"{name} at {normal} = {position:.2f} mm", loc="left")
+        axes.set_title(f"{name} at {normal} = {position:.2f} mm", loc="left", pad=TITLE)
+        arrow_key(axes, extent[0], _round(longest) / scale, f"{_round(longest):g} m/s")
         axes.set(xlabel=f"{right} (mm)", ylabel=f"{up} (mm)")
         bar(picture, axes, f"{through} (m/s)")
     return figure
@@ -179,6 +213,20 @@ def histogram_figure(dataset: xarray.Dataset, voxel_mm: Sequence[float], dt_s: f
     for axes in (left, middle, right):
         axes.spines[["top", "right"]].set_visible(False)
     return figure
+
+
+def arrow_key(axes: Axes, left: float, length: float, text: str) -> None:
+    """How long an arrow of some value is, above the axes and below a title with the pad ``TITLE``: ``length`` from
+    ``left``, on the horizontal axis."""
+    above = ScaledTranslation(0, 8 / 72, axes.figure.dpi_scale_trans)
+    place = blended_transform_factory(axes.transData, axes.transAxes) + above
+    shape = {"arrowstyle": "-|>", "color": INK, "shrinkA": 0, "shrinkB": 0}
+    given: Any = {"xycoords": place, "annotation_clip": False}
+    for drawn in (
+        axes.annotate("", (left + length, 1), (left, 1), textcoords=place, arrowprops=shape, **given),
+        axes.annotate(text, (left + length, 1), (5, 0), textcoords="offset points", va="center", **given),
+    ):
+        drawn.set_in_layout(False)  # the title's pad is its room
 
 
 def bar(picture: ScalarMappable, axes: Axes, label: str) -> None:

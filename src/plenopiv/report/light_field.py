@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from textwrap import wrap
 
 import numpy as np
 from matplotlib import rc_context
@@ -15,6 +16,7 @@ from plenopiv.report.figures import STYLE, written
 
 BRIGHTEST = 99.7  # percentile that is drawn white
 UNSEEN = "#2c4a63"  # where no microlens has a pixel of a view
+CAPTION = 170  # letters in a line
 LARGEST = 900  # pixels along a side of one picture
 
 Picture = NDArray[np.float32]
@@ -29,7 +31,7 @@ def contact_sheet(
     where the aperture has no view; ``u_mm``, ``v_mm`` of columns and rows."""
     rows, columns = len(pictures), len(pictures[0])
     width = 11.0
-    figure = Figure(figsize=(width, 0.9 + width / columns * (y.size / x.size) * rows), layout="constrained")
+    figure = Figure(figsize=(width, 1.3 + width / columns * (y.size / x.size) * rows), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     lit = np.concatenate([p[np.isfinite(p)] for row in pictures for p in row if p is not None])
     top = float(np.percentile(lit, BRIGHTEST))
@@ -41,12 +43,14 @@ def contact_sheet(
                 continue
             _draw(axes, picture, x, y, top)
             axes.set_title(f"({u:+.1f}, {v:+.1f})", fontsize=7, pad=2)
-    figure.suptitle(
-        f"{written(name)}: views through the places (u, v) of the main lens, mm, as the object has x and y; each "
-        f"{_length(x):.3g} x {_length(y):.3g} mm of the focal plane",
-        fontsize=9,
-        parse_math=False,
+    figure.suptitle(f"{written(name)}: sub-aperture views", fontsize=10, parse_math=False)
+    caption = (
+        "Each picture is the scene through one place (u, v) of the main lens, in mm, right and up as the object has "
+        f"x and y; it shows {_length(x):.3g} x {_length(y):.3g} mm of the focal plane. Particles in the focal plane "
+        "stand at one place in all of them, others move from view to view, the more the farther they are from it. "
+        f"Black is 0, white {top:.4g} counts and more; blue: no microlens has a pixel of the view."
     )
+    figure.supxlabel("\n".join(wrap(caption, CAPTION)), fontsize=8, ha="left", x=0.01)
     return figure
 
 
