@@ -84,7 +84,9 @@ def without_figures(patch, but=()):
     for module in (charts, figures):
         for name in [name for name in vars(module) if name.endswith("_figure") and name not in but]:
             patch.setattr(module, name, lambda *given: None)
+    cut = figures.panels
     patch.setattr(figures, "png", lambda figure: EMPTY if figure is None else drawn(figure))
+    patch.setattr(figures, "panels", lambda figure, *whole: [EMPTY] if figure is None else cut(figure, *whole))
 
 
 # one transparent pixel
@@ -139,6 +141,9 @@ class Parsed(HTMLParser):
         return json.loads(text)
 
 
-def numbers(text):
+def numbers(packed):
     """What the page's script makes of packed numbers."""
-    return np.frombuffer(base64.b64decode(text), "<f4")
+    values = np.frombuffer(base64.b64decode(packed["data"]), {"u1": "u1", "u2": "<u2", "f4": "<f4"}[packed["kind"]])
+    if packed["kind"] != "u2":
+        return values
+    return np.where(values == 65535, np.nan, packed["low"] + packed["step"] * values)

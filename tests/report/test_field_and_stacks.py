@@ -27,17 +27,17 @@ def rotation(rate=80.0):
 def test_values_run_along_x_first():
     data = field_data(rotation())
     assert (data["axes"]["x"], data["axes"]["y"], data["axes"]["z"]) == (X.tolist(), Y.tolist(), Z.tolist())
-    w = numbers(data["values"]["w"])
-    np.testing.assert_allclose(w[: X.size], -80e-3 * X, rtol=1e-6)
-    u = numbers(data["values"]["u"])
-    np.testing.assert_allclose(u[:: X.size * Y.size], 80e-3 * Z, rtol=1e-6)
-    assert data["largest"]["w"] == pytest.approx(0.24)
+    w = numbers(data["moments"][0]["values"]["w"])
+    np.testing.assert_allclose(w[: X.size], -80e-3 * X, atol=5e-6)
+    u = numbers(data["moments"][0]["values"]["u"])
+    np.testing.assert_allclose(u[:: X.size * Y.size], 80e-3 * Z, atol=5e-6)
+    assert data["quantities"]["w"]["limits"] == {"map": "diverging", "low": -0.24, "high": pytest.approx(0.24)}
 
 
 def test_criteria_are_in_si_units_and_have_levels_where_something_turns():
     data = field_data(rotation())
-    np.testing.assert_allclose(numbers(data["values"]["q"]), 80.0**2, rtol=1e-5)
-    np.testing.assert_allclose(numbers(data["values"]["vorticity"]), 160.0, rtol=1e-5)
+    np.testing.assert_allclose(numbers(data["moments"][0]["values"]["q"]), 80.0**2, rtol=1e-5)
+    np.testing.assert_allclose(numbers(data["moments"][0]["values"]["vorticity"]), 160.0, rtol=1e-5)
     swirl = rotation()
     swirl["u"] = swirl["u"] * np.exp(-(swirl["x"] ** 2))
     swirl["w"] = swirl["w"] * np.exp(-(swirl["x"] ** 2))
@@ -73,7 +73,7 @@ def test_derivatives_are_of_the_whole_field_not_of_what_is_shown(monkeypatch):
     data = field_data(field.transpose("time", "z", "y", "x"))
     step = data["step"]["x"]
     assert step > 1
-    shown = numbers(data["values"]["vorticity"])[: len(data["axes"]["x"])]
+    shown = numbers(data["moments"][0]["values"]["vorticity"])[: len(data["axes"]["x"])]
     np.testing.assert_allclose(shown, np.abs(80.0 - whole[::step]), rtol=1e-5)
 
 

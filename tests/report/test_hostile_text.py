@@ -136,7 +136,7 @@ def test_names_that_a_typesetter_would_trip_over_are_drawn(tmp_path, text, monke
     with the first, with the others those that names and frames are written into."""
     if text != HOSTILE[0]:
         without_figures(monkeypatch, but=("raw_figure", "residual_figure"))
-    assert len(Parsed(hostile_page(tmp_path / "report.html", text)).all("img")) == 7
+    assert len(Parsed(hostile_page(tmp_path / "report.html", text)).all("figure")) == 7
 
 
 @pytest.mark.parametrize("text", HOSTILE, ids=range(50))

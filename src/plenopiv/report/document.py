@@ -18,7 +18,19 @@ from typing import Any
 
 import numpy as np
 
-SCRIPTS = ("axes.js", "isosurface.js", "solids.js", "box.js", "scene.js", "slices.js", "stacks.js", "start.js")
+SCRIPTS = (
+    "axes.js",
+    "field.js",
+    "controls.js",
+    "isosurface.js",
+    "solids.js",
+    "box.js",
+    "gl.js",
+    "scene.js",
+    "slices.js",
+    "stacks.js",
+    "start.js",
+)
 
 PAGE = """<!doctype html>
 <html lang="en">
@@ -96,8 +108,17 @@ def subheading(heading: str, words: str = "") -> str:
 
 def picture(png: bytes, words: str, kind: str = "") -> str:
     """A figure as PNG; ``kind`` "chart" for line charts, which a dark page inverts."""
-    image = base64.b64encode(png).decode("ascii")
-    return f'<figure class="{plain(kind)}"><img alt="{plain(words)}" src="data:image/png;base64,{image}"></figure>'
+    return pictures([png], words, kind)
+
+
+def pictures(panels: Sequence[bytes], words: str, kind: str = "") -> str:
+    """The panels of a figure as PNG, side by side where the page is wide and one below the other where it is narrow."""
+    kind = f"{kind} panels".strip() if len(panels) > 1 else kind
+    shown = ""
+    for k, png in enumerate(panels):
+        said = words if len(panels) == 1 else f"{words}, panel {k + 1} of {len(panels)}"
+        shown += f'<img alt="{plain(said)}" src="data:image/png;base64,{base64.b64encode(png).decode("ascii")}">'
+    return f'<figure class="{plain(kind)}">{shown}</figure>'
 
 
 def table(values: Mapping[str, Any], first: str) -> str:

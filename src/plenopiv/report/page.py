@@ -8,13 +8,14 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from plenopiv.experiment import Experiment
 from plenopiv.report import charts, figures, viewers
-from plenopiv.report.document import bars, flat, page, picture, plain, section, subheading, table
+from plenopiv.report.document import bars, flat, page, pictures, plain, section, subheading, table
+from plenopiv.report.facts import facts
 from plenopiv.report.field import field_data
+from plenopiv.report.moments import Series
 from plenopiv.report.stacks import Stack
 from plenopiv.report.views import Projections, RawCrop
 from plenopiv.velocity import replaced_share, vectors_inside_body
@@ -42,33 +43,36 @@ def write_report(
     stacks: Sequence[Stack] = (),
     accuracy: Mapping[str, Any] | None = None,
     series: Mapping[str, Sequence[float]] | None = None,
+    fields: Series | None = None,
+    date: str = "",
     figures_folder: str | Path | None = None,
 ) -> None:
     """Write the report of a run.
 
     ``summary`` is what goes to summary.json: its ``warnings`` (a list of lines), ``timings_s`` and ``peak_memory_gb``
     (by stage) and ``versions`` have sections of their own, all else is tabled by dotted key. ``dataset`` is the
-    velocity field, dims (time, z, y, x); of several times the first is drawn. ``series``: of several pairs, what is
-    plotted over their time (``run.written.series_of``), ``dataset`` then that of the first. ``stacks`` are pictures
-    under sliders, named "volume", "views" and "refocus". ``accuracy`` is for recordings whose truth is known: measure
-    -> number or text, and under "by_depth" a ``DepthProfile``. ``figures_folder``: where figures go as PNG and PDF too.
+    velocity field, dims (time, z, y, x); of several times figures draw the first. ``series``: of several pairs, what
+    is plotted over their time (``run.written.series_of``), ``dataset`` then that of the first, and ``fields`` all of
+    them for the 3D scene and the slices. ``date``: when it was measured. ``stacks`` are pictures under sliders, named
+    "volume", "views" and "refocus". ``accuracy`` is for recordings whose truth is known: measure -> number or text,
+    and under "by_depth" a ``DepthProfile``. ``figures_folder``: where figures go as PNG and PDF too.
     """
     drawn = _Figures(None if figures_folder is None else Path(figures_folder))
-    pictures = {stack.name: stack for stack in stacks}
+    leafed = {stack.name: stack for stack in stacks}
     pairs = len(series["time_s"]) if series else dataset.sizes["time"]
     parts = [
-        *_velocity(dataset, pairs, drawn),
+        *_velocity(dataset, fields, pairs, drawn),
         *_series(series or {}, drawn),
         *_accuracy(accuracy or {}, drawn),
         _validation(experiment, dataset, drawn),
-        _reconstruction(summary, views, pictures, drawn),
-        _light_field(crops, pictures, drawn),
+        _reconstruction(summary, views, leafed, drawn),
+        _light_field(crops, leafed, drawn),
         _effort(summary),
         section("Numbers", "The content of summary.json.", table(_others(summary), "key"), name="numbers"),
         _configuration(experiment, summary),
     ]
     body = [
-        f"<header><h1>{plain(title)}</h1>{_key_numbers(experiment, dataset, summary)}</header>",
+        facts(title, experiment, dataset, summary, pairs, date),
         _warnings(list(summary.get("warnings", []))),
         _contents(parts),
         *parts,
@@ -93,11 +97,11 @@ class _Figures:
 
     def __call__(self, name: str, figure: Figure, words: str, kind: str = "") -> str:
         if self.folder is None:
-            return picture(figures.png(figure), words, kind)
+            return pictures(figures.panels(figure), words, kind)
         made = figures.png_and_pdf(figure)
         for ending, content in made.items():
             (self.folder / f"{name}.{ending}").write_bytes(content)
-        return picture(made["png"], words, kind)
+        return pictures(figures.panels(figure, made["png"]), words, kind)
 
 
 def _series(series: Mapping[str, Sequence[float]], drawn: _Figures) -> list[str]:
@@ -108,18 +112,22 @@ def _series(series: Mapping[str, Sequence[float]], drawn: _Figures) -> list[str]
     return [section("Series", words, figure, name="series")]
 
 
-def _velocity(dataset: xarray.Dataset, pairs: int, drawn: _Figures) -> list[str]:
-    first = f"The first of {pairs} pairs. " if pairs > 1 else ""
-    field = field_data(dataset)
+def _velocity(dataset: xarray.Dataset, fields: Series | None, pairs: int, drawn: _Figures) -> list[str]:
+    field = field_data(dataset, fields)
     turning = "" if field["start"] else ALL_TURNS
     every = " x ".join(str(field["step"][axis]) for axis in "xyz")
     thinned = "" if every == "1 x 1 x 1" else f" To keep the page small, one vector in {every} along x, y, z is drawn."
+    times = sum(moment["kind"] == "time" for moment in field["moments"])
+    some = f"{times} of {pairs} pairs, evenly chosen" if times < pairs else f"Each of {pairs} pairs"
+    series = f"{some}, and the mean and RMS fluctuation of all valid vectors. " if pairs > 1 else ""
+    first = ", of the first pair" if pairs > 1 else ""
     return [
         section(
             "Velocity in 3D",
-            f"{first}Drag to turn; hold Ctrl and use the wheel to enlarge. The isosurface encloses where the flow "
-            "turns more than it deforms (Q-criterion), or where its vorticity is above the level. Both are differences "
-            f"of neighbouring vectors and noisier than these; nothing is smoothed.{turning}{thinned}",
+            f"{series}Drag to turn; hold Ctrl and use the wheel to enlarge; point at a vector to read its values. The "
+            "isosurface encloses where the flow turns more than it deforms (Q-criterion), or where its vorticity is "
+            "above the level. Derivatives are differences of neighbouring vectors and noisier than these; nothing is "
+            f"smoothed.{turning}{thinned}",
             viewers.field_block(field),
             viewers.scene(field),
             name="velocity",
@@ -128,7 +136,7 @@ def _velocity(dataset: xarray.Dataset, pairs: int, drawn: _Figures) -> list[str]
             "Slices",
             "One plane of vectors after the other. Arrows: velocity in the slice; crosses: vectors that were replaced.",
             viewers.slices(field),
-            subheading("Through the middle"),
+            subheading(f"Through the middle{first}"),
             drawn("velocity", figures.velocity_figure(dataset), "velocity in three slices through the middle"),
             name="planes",
         ),
@@ -176,11 +184,11 @@ def _validation(experiment: Experiment, dataset: xarray.Dataset, drawn: _Figures
 
 
 def _reconstruction(
-    summary: Mapping[str, Any], views: Projections | None, pictures: Mapping[str, Stack], drawn: _Figures
+    summary: Mapping[str, Any], views: Projections | None, leafed: Mapping[str, Stack], drawn: _Figures
 ) -> str:
     content = []
-    if "volume" in pictures:
-        content.append(viewers.stack(pictures["volume"], "plane of the reconstructed volume"))
+    if "volume" in leafed:
+        content.append(viewers.stack(leafed["volume"], "plane of the reconstructed volume"))
     if views is not None:
         content += [
             subheading("Seen along z and along y"),
@@ -204,7 +212,7 @@ def _reconstruction(
     return section("Reconstruction", words, *content, name="reconstruction") if content else ""
 
 
-def _light_field(crops: Sequence[RawCrop], pictures: Mapping[str, Stack], drawn: _Figures) -> str:
+def _light_field(crops: Sequence[RawCrop], leafed: Mapping[str, Stack], drawn: _Figures) -> str:
     content = []
     if crops:
         content += [
@@ -215,8 +223,8 @@ def _light_field(crops: Sequence[RawCrop], pictures: Mapping[str, Stack], drawn:
             drawn("lattice", figures.raw_figure(crops), "raw pixels with the lattice"),
         ]
     for name, heading, words in STACKS:
-        if name in pictures:
-            content += [subheading(heading, words), viewers.stack(pictures[name], heading)]
+        if name in leafed:
+            content += [subheading(heading, words), viewers.stack(leafed[name], heading)]
     return section("Light field", "The first frame.", *content, name="light-field") if content else ""
 
 
@@ -261,39 +269,8 @@ def _others(summary: Mapping[str, Any]) -> dict[str, Any]:
     return flat(shown)
 
 
-def _key_numbers(experiment: Experiment, dataset: xarray.Dataset, summary: Mapping[str, Any]) -> str:
-    sizes, timings = dataset.sizes, summary.get("timings_s", {})
-    valid = 1 - summary.get("replaced_share", replaced_share(dataset))
-    spacing = [
-        float(np.diff(dataset[axis].values[:2])[0]) if sizes[axis] > 1 else float("nan") for axis in ("x", "y", "z")
-    ]
-    windows = experiment.correlation.windows[-1]
-    numbers = [
-        (f"{summary.get('vectors', dataset['valid'].size):,}", "vectors"),
-        (f"{100 * valid:.1f} %", "measured, not replaced"),
-        (" × ".join(f"{d:.2f}" if np.isfinite(d) else "–" for d in spacing) + " mm", "vector spacing x, y, z"),
-        (" × ".join(map(str, windows)), "last window, voxels"),
-        (f"{experiment.grid().size / 1e6:.1f} million", "voxels"),
-    ]
-    if told := summary.get("not_in_images"):
-        moved = " × ".join(f"{d:.2g}" for d in told["largest_displacement_voxels"])
-        numbers += [
-            (f"{moved} voxels", "largest displacement x, y, z"),
-            (f"{told['largest_velocity_m_s']:.3g} m/s", "largest velocity"),
-            (f"{told['dt_s']:g} s, {told['orientation']}", "dt and orientation: no image tells whether they are right"),
-        ]
-    if timings:
-        numbers.append((_duration(sum(timings.values())), "computing"))
-    items = "".join(f"<div><dt>{plain(label)}</dt><dd>{plain(value)}</dd></div>" for value, label in numbers)
-    return f"<dl>{items}</dl>"
-
-
 def _warnings(lines: Sequence[str]) -> str:
     if not lines:
         return '<p class="fine">No warnings.</p>'
     items = "".join(f"<li>{plain(line)}</li>" for line in lines)
     return f'<section class="warnings"><h2>{len(lines)} warning{"s"[: len(lines) > 1]}</h2><ul>{items}</ul></section>'
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.1f} s" if seconds < 120 else f"{seconds / 60:.1f} min"

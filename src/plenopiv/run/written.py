@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from plenopiv.io.output import plain
 from plenopiv.io.series_file import write_series
 from plenopiv.io.series_folder import SeriesFolder
 from plenopiv.recording import Recording
-from plenopiv.report import write_report
+from plenopiv.report import series_of_file, write_report
 from plenopiv.run.judged import Judgement
 from plenopiv.run.log import Clock
 from plenopiv.run.plan import Plan
@@ -125,6 +126,8 @@ def write_results(
             views=first.views,
             stacks=first.stacks,
             series=series_of(times["time"], records) if len(times) == 1 else None,
+            fields=series_of_file(folder.path("velocity.nc")) if len(records) > 1 else None,
+            date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
             figures_folder=folder.work / "figures",
             accuracy=score(_all_fields(folder, files)) if score else None,
         )

@@ -11,11 +11,8 @@ function palette() {
   return Object.fromEntries(Object.keys(LIGHT).map((name) => [name, style.getPropertyValue("--" + name).trim()]));
 }
 
-// Numbers of a base64 text: little-endian float32.
-function numbers(text) {
-  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-  return new Float32Array(bytes.buffer);
-}
+// Whether the page is dark now.
+const dark = () => !printing && window.matchMedia("(prefers-color-scheme: dark)").matches;
 
 // A canvas made as sharp as the screen; its context draws in CSS pixels.
 function sharp(canvas, height) {

@@ -1,19 +1,16 @@
-// Vector slices: colour of one component or of the speed, arrows in the plane, crosses where vectors were replaced.
+// Vector slices: colour of one quantity, arrows in the plane, crosses where vectors were replaced.
 
 const PLANES = { z: ["x", "y"], y: ["x", "z"], x: ["z", "y"] }; // normal: right, up
-const COMPONENT = { x: "u", y: "v", z: "w" };
 
 function startSlices(root, field) {
-  const canvas = root.querySelector("canvas");
-  const control = (name) => root.querySelector(`[data-control="${name}"]`);
-  const slider = control("place");
+  const canvas = root.querySelector("canvas"), control = (name) => controlIn(root, name);
+  const slider = control("place"), coloursAsked = colourControls(root, field, draw);
+  let drawn, marked = null;
 
   function draw() {
-    const normal = control("normal").value, [right, up] = PLANES[normal], axes = field.axes;
-    const n = Number(slider.value), name = control("colour").value, top = field.largest[name] || 1;
-    root.querySelector('[data-said="place"]').textContent = `${normal} = ${shown(Number(axes[normal][n].toFixed(2)))} mm`;
-    const map = name === "speed" ? field.colours.speed : field.colours.component;
-    const bar = name === "speed" ? [0, top] : [-top, top];
+    const normal = control("normal").value, [right, up] = PLANES[normal], axes = field.axes, values = field.values;
+    const n = Number(slider.value), colours = coloursAsked();
+    sayIn(root, "place", `${normal} = ${shown(Number(axes[normal][n].toFixed(2)))} mm`);
     const strides = { x: 1, y: axes.x.length, z: axes.x.length * axes.y.length };
     const number = (i, j) => n * strides[normal] + i * strides[right] + j * strides[up];
     const h = faces(axes[right]), v = faces(axes[up]);
@@ -22,35 +19,51 @@ function startSlices(root, field) {
     const x = (mm) => box.left + ((mm - h[0]) / (h[1] - h[0])) * box.width;
     const y = (mm) => box.top + ((v[1] - mm) / (v[1] - v[0])) * box.height;
     const cell = [box.width / axes[right].length, box.height / axes[up].length];
+    const shownValues = values[colours.name];
     axes[right].forEach((a, i) => axes[up].forEach((b, j) => {
-      const value = field.values[name][number(i, j)];
-      if (!Number.isFinite(value)) return;
-      context.fillStyle = css(colourAt(map, (value - bar[0]) / (bar[1] - bar[0])));
+      const colour = colours.at(shownValues[number(i, j)]);
+      if (!colour) return;
+      context.fillStyle = css(colour);
       context.fillRect(x(a) - cell[0] / 2, y(b) - cell[1] / 2, cell[0] + 0.6, cell[1] + 0.6);
     }));
     const every = Math.max(1, Math.ceil(18 / Math.min(...cell)));
-    const longest = field.largest.speed || 1, reach = 1.5 * every * Math.min(...cell);
-    context.lineWidth = 1.2;
+    const longest = field.longest || 1, reach = 1.5 * every * Math.min(...cell);
+    const arrows = field.moment().kind !== "rms"; // fluctuations have no direction
     axes[right].forEach((a, i) => axes[up].forEach((b, j) => {
-      const at = number(i, j);
-      context.strokeStyle = context.fillStyle = name === "speed" ? "#ffffff" : "#1f2933";
-      if (field.values.valid[at] !== 1) {
-        line(context, x(a) - 3, y(b) - 3, x(a) + 3, y(b) + 3);
-        line(context, x(a) - 3, y(b) + 3, x(a) + 3, y(b) - 3);
+      const at = number(i, j), along = [values[COMPONENT[right]][at], -values[COMPONENT[up]][at]];
+      // light about dark: readable on every colour of a map
+      for (const [colour, wide] of [[dark() ? "#171c21" : "#ffffff", 3], [dark() ? "#ffffff" : "#1f2933", 1.2]]) {
+        context.strokeStyle = context.fillStyle = colour;
+        context.lineWidth = wide;
+        if (values.valid[at] !== 1 && Number.isFinite(values.u[at])) {
+          line(context, x(a) - 3, y(b) - 3, x(a) + 3, y(b) + 3);
+          line(context, x(a) - 3, y(b) + 3, x(a) + 3, y(b) - 3);
+        }
+        if (arrows && !(i % every || j % every)) flatArrow(context, [x(a), y(b)], along.map((c) => (c / longest) * reach));
       }
-      if (i % every || j % every) return;
-      const along = [field.values[COMPONENT[right]][at], -field.values[COMPONENT[up]][at]];
-      flatArrow(context, [x(a), y(b)], along.map((c) => (c / longest) * reach));
     }));
     frame(context, box, h, v, [`${right} (mm)`, `${up} (mm)`]);
-    colourBar(context, box, map, bar, name === "speed" ? "speed (m/s)" : `${name} (m/s)`);
-    key(context, box, longest, reach);
+    colourBar(context, box, colours.map, colours.bar, colours.label);
+    if (arrows) key(context, box, longest, reach);
+    if (marked) ring(context, [x(axes[right][marked[0]]), y(axes[up][marked[1]])]);
+    drawn = { normal, right, up, n, box, h, v };
+  }
+
+  // The vector whose cell lies under a place of the canvas.
+  function find([left, top]) {
+    const { normal, right, up, n, box, h, v } = drawn;
+    const a = (left - box.left) / box.width, b = (top - box.top) / box.height;
+    if (a < 0 || a > 1 || b < 0 || b > 1) return null;
+    const i = nearest(field.axes[right], h[0] + a * (h[1] - h[0])), j = nearest(field.axes[up], v[1] - b * (v[1] - v[0]));
+    const place = { [normal]: n, [right]: i, [up]: j }, vector = [place.x, place.y, place.z];
+    return { vector, text: valuesAt(field, vector), at: [i, j] };
   }
 
   // How long an arrow of some round speed is.
   function key(context, box, longest, reach) {
     const speed = ticks(0, longest, 4).pop() || longest, at = box.top + box.height + 54;
     context.strokeStyle = context.fillStyle = palette().ink;
+    context.lineWidth = 1.2;
     const length = (speed / longest) * reach;
     flatArrow(context, [box.left + length / 2, at], [length, 0]);
     context.textAlign = "left";
@@ -61,12 +74,18 @@ function startSlices(root, field) {
   function fresh() {
     slider.max = field.axes[control("normal").value].length - 1;
     slider.value = Math.floor(field.axes[control("normal").value].length / 2);
+    marked = null;
     draw();
   }
 
+  pointing(canvas, root, find, (found) => {
+    if (String(marked) === String(found && found.at)) return;
+    marked = found && found.at;
+    draw();
+  });
   control("normal").addEventListener("input", fresh);
-  control("colour").addEventListener("input", draw);
   slider.addEventListener("input", draw);
+  momentControls(root, field, draw);
   fresh();
   return draw;
 }

@@ -1,5 +1,7 @@
 // What the scene is made of, as triangles: positions, normals and colours, three numbers each for every corner.
 
+const UNKNOWN = [128, 128, 128];
+
 function solid() {
   return { at: [], normal: [], colour: [] };
 }
@@ -7,7 +9,7 @@ function solid() {
 function put(solid, at, normal, colour) {
   solid.at.push(...at);
   solid.normal.push(...normal);
-  solid.colour.push(...colour.map((c) => c / 255));
+  solid.colour.push(...(colour || UNKNOWN).map((c) => c / 255));
 }
 
 // The isosurface, in the colours of the velocity on it.
@@ -27,7 +29,10 @@ function sliceSolid(field, d, at, colourOf) {
   const strides = [1, axes[0].length, axes[0].length * axes[1].length];
   const [p, q] = [0, 1, 2].filter((n) => n !== d);
   const facing = [0, 0, 0]; // no normal: lit from everywhere
-  for (let j = 0; j < axes[q].length - 1; j++) for (let i = 0; i < axes[p].length - 1; i++)
+  for (let j = 0; j < axes[q].length - 1; j++) for (let i = 0; i < axes[p].length - 1; i++) {
+    const known = [[0, 0], [1, 0], [0, 1], [1, 1]].every(([k, l]) =>
+      Number.isFinite(field.values.u[at * strides[d] + (i + k) * strides[p] + (j + l) * strides[q]]));
+    if (!known) continue;
     for (const [k, l] of [[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]]) {
       const place = [0, 0, 0];
       place[d] = axes[d][at];
@@ -36,6 +41,7 @@ function sliceSolid(field, d, at, colourOf) {
       const n = at * strides[d] + (i + k) * strides[p] + (j + l) * strides[q];
       put(made, place, facing, colourOf(n, n, 0));
     }
+  }
   return made;
 }
 

@@ -6,9 +6,8 @@ window.plenopiv = { isosurface, turned }; // for tests and the curious
 
 const fieldData = document.getElementById("field-data");
 if (fieldData) {
-  const field = content("field-data");
-  for (const name of Object.keys(field.values)) field.values[name] = numbers(field.values[name]);
-  field.values.speed = field.values.u.map((u, n) => Math.hypot(u, field.values.v[n], field.values.w[n]));
+  const field = openField(content("field-data"));
+  window.plenopiv.field = field;
   const scene = document.getElementById("scene"), slices = document.getElementById("slices");
   if (scene) drawings.push(startScene(scene, field));
   if (slices) drawings.push(startSlices(slices, field));
