@@ -3,7 +3,7 @@
 import shutil
 
 import pytest
-from reports import MAKERS
+from reports import ALSO, MAKERS
 
 ARGUMENTS = [
     "--no-sandbox",
@@ -48,12 +48,12 @@ def browser():
 
 @pytest.fixture(scope="session")
 def reports(tmp_path_factory):
-    """A function that gives the path of a report by its name in ``MAKERS``, made once."""
+    """A function that gives the path of a report by its name in ``MAKERS`` or ``ALSO``, made once."""
     made = {}
 
     def path(name):
         if name not in made:
-            made[name] = MAKERS[name](tmp_path_factory.mktemp(name))
+            made[name] = (MAKERS | ALSO)[name](tmp_path_factory.mktemp(name))
         return made[name]
 
     return path

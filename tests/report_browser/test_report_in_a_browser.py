@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from reports import MAKERS, ROOT
+from reports import ALSO, MAKERS, ROOT
 
 import plenopiv
 
@@ -15,7 +15,7 @@ OVERLAPS = """() => {
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   while (walker.nextNode()) {
     const node = walker.currentNode, parent = node.parentElement;
-    const hidden = "script, style, noscript, details:not([open]) > pre, option";
+    const hidden = "script, style, noscript, details:not([open]) > :not(summary), option";
     if (!node.textContent.trim() || parent.closest(hidden)) continue;
     const range = document.createRange();
     range.selectNodeContents(node);
@@ -24,7 +24,7 @@ OVERLAPS = """() => {
   }
   for (const e of document.querySelectorAll("select, input, button, img, .stage")) {
     const r = e.getBoundingClientRect();
-    const seen = r.width > 1 && e.closest("figure") === null;
+    const seen = r.width > 1 && e.closest("figure, details:not([open]) > :not(summary)") === null;
     if (seen) boxes.push([r.left, r.top, r.right, r.bottom, e.outerHTML.slice(0, 60), e]);
   }
   const found = [];
@@ -58,8 +58,10 @@ ON_CANVASES = """() => {
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("report", [*MAKERS, *ALSO], indirect=True)
 def test_no_complaint_no_request_no_overlap(visit, width, scheme, request):
     made = visit(width, scheme)
+    made.page.evaluate("document.querySelectorAll('.viewer details').forEach((part) => (part.open = true))")
     made.photograph(SCREENSHOTS, f"{request.node.callspec.params['report']}-{width}-{scheme}")
     assert made.complaints == []
     assert made.requests == [made.address]

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+SHARPER = 1.75  # pixels of a panel in a pixel of the page
 SCRIPTS = (
     "axes.js",
     "field.js",
@@ -117,7 +118,9 @@ def pictures(panels: Sequence[bytes], words: str, kind: str = "") -> str:
     shown = ""
     for k, png in enumerate(panels):
         said = words if len(panels) == 1 else f"{words}, panel {k + 1} of {len(panels)}"
-        shown += f'<img alt="{plain(said)}" src="data:image/png;base64,{base64.b64encode(png).decode("ascii")}">'
+        size = f' width="{int.from_bytes(png[16:20]) / SHARPER:.0f}"' if len(panels) > 1 else ""  # PNG, 11.2.1
+        image = base64.b64encode(png).decode("ascii")
+        shown += f'<img alt="{plain(said)}"{size} src="data:image/png;base64,{image}">'
     return f'<figure class="{plain(kind)}">{shown}</figure>'
 
 

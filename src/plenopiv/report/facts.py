@@ -23,7 +23,7 @@ def facts(
 ) -> str:
     """The head of the page. ``dataset``: the velocity field that it shows, the first of ``pairs``; ``date``: when it
     was measured, "" where that is not said."""
-    told = [f"{experiment.folder.name}/{experiment.path.name}" if experiment.folder.name else experiment.path.name]
+    told = [f"{experiment.folder.resolve().name}/{experiment.path.name}"]
     told += [f"measured {date}"] if date else []
     told += [f"PlenoPIV {summary['plenopiv']}"] if "plenopiv" in summary else []
     run = f'<p class="run">{plain(" · ".join(told))}</p>'

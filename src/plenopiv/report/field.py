@@ -43,7 +43,7 @@ DARK = ["#b5ceff", "#6a9ff0", "#3f6fb0", "#56616c", "#b04f40", "#f07f68", "#ffc8
 MAPS: dict[str, dict[str, tuple[Colormap, float, float]]] = {
     "light": {"sequential": (colormaps["viridis"], 0.0, 0.95), "diverging": (colormaps["RdBu_r"], 0.0, 1.0)},
     "dark": {
-        "sequential": (colormaps["viridis"], 0.18, 1.0),
+        "sequential": (colormaps["viridis"], 0.28, 1.0),
         "diverging": (LinearSegmentedColormap.from_list("dark", DARK), 0.0, 1.0),
     },
 }

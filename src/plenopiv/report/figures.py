@@ -68,8 +68,8 @@ def png_and_pdf(figure: Figure, kinds: Sequence[str] = ("png", "pdf")) -> dict[s
 
 
 def panels(figure: Figure, whole: bytes = b"") -> list[bytes]:
-    """The panels of a figure that stand side by side, each as PNG, cut from the PNG of the ``whole``: on a narrow page
-    they stand one below the other."""
+    """The panels of a figure that stand side by side, each as PNG without margins, cut from the PNG of the ``whole``:
+    on a narrow page they stand one below the other."""
     whole = whole or png(figure)
     left = figure.get_tightbbox().padded(PADDING).x0
     boxes = [axes.get_tightbbox() for axes in figure.axes]  # colour bars within their axes'
@@ -79,13 +79,18 @@ def panels(figure: Figure, whole: bytes = b"") -> list[bytes]:
         if x0 > end - 0.03:  # layouts let panels touch
             cuts.append(round((0.5 * (x0 + end) - left) * DPI))
         end = max(end, x1)
+    if not cuts:
+        return [whole]
     image = imread(io.BytesIO(whole), format="png")
     found = []
     for first, last in zip([0, *cuts], [*cuts, image.shape[1]], strict=True):
+        part = image[:, first:last]
+        drawn: NDArray[np.bool_] = np.any(part[..., :3] < 1, axis=2)
+        rows, columns = (np.flatnonzero(np.any(drawn, axis=axis)) for axis in (1, 0))
         buffer = io.BytesIO()
-        imsave(buffer, image[:, first:last], format="png")
+        imsave(buffer, part[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1], format="png")
         found.append(buffer.getvalue())
-    return found if cuts else [whole]
+    return found
 
 
 @rc_context(STYLE)
@@ -161,7 +166,7 @@ def velocity_figure(dataset: xarray.Dataset) -> Figure:
         scale = (longest or 1.0) / (1.6 * spacing)  # m/s in a mm
         axes.quiver(
             h[::step], v[::step], plane[inside[0]].values[cut], plane[inside[1]].values[cut],
-            color=INK, angles="xy", scale_units="xy", scale=scale, width=0.004,
+            color=INK, angles="xy", scale_units="xy", scale=scale, width=0.004, pivot="mid",
         )  # fmt: skip
         crossed = replaced(plane).values
         if crossed.any():

@@ -137,7 +137,7 @@ def _velocity(dataset: xarray.Dataset, fields: Series | None, pairs: int, drawn:
             "One plane of vectors after the other. Arrows: velocity in the slice; crosses: vectors that were replaced.",
             viewers.slices(field),
             subheading(f"Through the middle{first}"),
-            drawn("velocity", figures.velocity_figure(dataset), "velocity in three slices through the middle"),
+            drawn("velocity", figures.velocity_figure(dataset), "velocity in three slices through the middle", "chart"),
             name="planes",
         ),
     ]
@@ -157,7 +157,7 @@ def _validation(experiment: Experiment, dataset: xarray.Dataset, drawn: _Figures
     dt_s, voxel_mm = experiment.recording_table.dt_s, experiment.volume.voxel_mm
     share = 100 * replaced_share(dataset)
     content = [
-        drawn("validation", charts.validation_figure(dataset), "where vectors were replaced"),
+        drawn("validation", charts.validation_figure(dataset), "where vectors were replaced", "chart"),
         subheading(
             "Displacements before windows were replaced",
             "Peak locking would crowd the middle figure at 0; an even spread is flat, if displacements cover several "
@@ -192,7 +192,7 @@ def _reconstruction(
     if views is not None:
         content += [
             subheading("Seen along z and along y"),
-            drawn("volume", figures.volume_figure(views), "maximum projections of the volume"),
+            drawn("volume", figures.volume_figure(views), "maximum projections of the volume", "chart"),
         ]
     frames = summary.get("reconstruction", {})
     residuals = {name: frame["residual_counts_by_round"] for name, frame in islice(frames.items(), FRAMES)}
