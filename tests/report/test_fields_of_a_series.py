@@ -33,8 +33,8 @@ def test_mean_and_rms_are_those_of_the_statistics():
     mean, rms = moments(series_in(whole), (1, 1, 1), 3)[-2:]
     assert (mean.kind, rms.kind) == ("mean", "rms")
     for name in "uvw":
-        np.testing.assert_allclose(mean.values[name], wanted[f"{name}_mean"].values, rtol=1e-12)
-        np.testing.assert_allclose(rms.values[name], wanted[f"{name}_rms"].values, rtol=1e-12)
+        np.testing.assert_allclose(mean.values[name], wanted[f"{name}_mean"].values, rtol=1e-6)
+        np.testing.assert_allclose(rms.values[name], wanted[f"{name}_rms"].values, rtol=1e-6)
 
 
 def test_times_are_evenly_chosen_and_thinned_alike():
@@ -46,7 +46,7 @@ def test_times_are_evenly_chosen_and_thinned_alike():
         "pair 5 of 9, t = 0.04 s",
         "pair 9 of 9, t = 0.08 s",
     ]
-    np.testing.assert_array_equal(found[1].values["u"], whole["u"].values[4, ::2, :, ::3])
+    np.testing.assert_array_equal(found[1].values["u"], whole["u"].values[4, ::2, :, ::3].astype(np.float32))
     assert [moment.kind for moment in moments(series_in(whole.isel(time=[0])), (1, 1, 1), 3)] == ["time"]
 
 

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+import xarray as xr
 from pages import Parsed, everything, example, field, without_figures, write
 from PIL import Image
 from runs import made_once
@@ -112,6 +113,19 @@ def test_a_report_of_a_large_run_stays_small(tmp_path, experiment):
     data = page.data("field")
     assert np.prod([len(data["axes"][axis]) for axis in "xyz"]) <= 60_000
     assert "one vector in" in page.text
+
+
+@pytest.mark.full
+def test_a_report_of_a_long_series_stays_below_40_mb(tmp_path, experiment, monkeypatch):
+    """Forty fields of 60 thousand vectors, noise with outliers that 16 bits do not hold, and pictures of noise."""
+    without_figures(monkeypatch)
+    one = field((20, 40, 75))
+    one["u"][0, 0, 0, 0] = 1e6
+    whole = xr.concat([one.assign_coords(time=[0.1 * k]) for k in range(40)], "time")
+    path = tmp_path / "report.html"
+    page = Parsed(write(path, experiment, whole, **everything(experiment)))
+    assert 15e6 < path.stat().st_size < 40e6
+    assert "12 of 40 pairs, evenly chosen" in page.text
 
 
 def test_windows_without_light_are_not_counted_as_displacements(experiment):

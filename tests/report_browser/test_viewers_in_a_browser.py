@@ -218,3 +218,15 @@ def test_panels_stand_side_by_side_or_one_below_the_other(five):
     assert len(wide) == len(narrow) > 3
     assert all(all(beside) for beside in wide)
     assert all(not any(beside[1:]) for beside in narrow)
+
+
+def test_the_demo_is_small_and_seen_at_once(browser, reports):
+    """At most 3 MB; scene, slices and images drawn within 2 s of the beginning, in the best of three."""
+    path, seconds = reports("demo"), []
+    assert path.stat().st_size < 3e6
+    for _ in range(3):
+        page = browser.new_page()
+        page.goto(path.as_uri())
+        seconds.append(page.evaluate("performance.getEntriesByType('navigation')[0].domContentLoadedEventEnd") / 1e3)
+        page.close()
+    assert 0 < min(seconds) < 2

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 VECTORS = 60_000  # of a time, at most so many are put into the page
 IN_ALL = 850_000  # of all times together: 24 MB
-TIMES = 200  # on the slider at most
+TIMES = 100  # on the slider at most
 FINE = 4e-5  # of a colour range: what 16 bits must resolve, else values are 32-bit floats
 EMPTY = 65535  # NaN
 STOPS = 17  # of a colour map, interpolated in between

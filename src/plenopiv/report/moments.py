@@ -33,7 +33,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Moment:
-    """What the page can show at once: ``kind`` "time", "mean" or "rms"; ``values`` on (z, y, x), thinned."""
+    """What the page can show at once: ``kind`` "time", "mean" or "rms"; ``values`` float32 on (z, y, x), thinned."""
 
     kind: str
     label: str
@@ -137,6 +137,5 @@ def _turning(one: xarray.Dataset) -> Values:
 
 def _thinned(values: Values, cut: tuple[slice, ...]) -> Values:
     return {
-        name: full[cut].copy() if name in ("valid", "inside_body") else full[cut].astype(float)
-        for name, full in values.items()
+        name: full[cut].astype(full.dtype if full.dtype.kind in "iub" else np.float32) for name, full in values.items()
     }
