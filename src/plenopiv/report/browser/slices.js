@@ -28,11 +28,12 @@ function startSlices(root, field) {
     }));
     const every = Math.max(1, Math.ceil(18 / Math.min(...cell)));
     const longest = field.longest || 1, reach = 1.5 * every * Math.min(...cell);
+    const light = colours.kind === "sequential" || dark(); // arrows on the colours of the maps' middle, with an edge
+    const inks = light ? [["#1f2933", 2.6], ["#ffffff", 1.2]] : [["#ffffff", 2.6], ["#1f2933", 1.2]];
     const arrows = field.moment().kind !== "rms"; // fluctuations have no direction
     axes[right].forEach((a, i) => axes[up].forEach((b, j) => {
       const at = number(i, j), along = [values[COMPONENT[right]][at], -values[COMPONENT[up]][at]];
-      // light about dark: readable on every colour of a map
-      for (const [colour, wide] of [[dark() ? "#171c21" : "#ffffff", 3], [dark() ? "#ffffff" : "#1f2933", 1.2]]) {
+      for (const [colour, wide] of inks) {
         context.strokeStyle = context.fillStyle = colour;
         context.lineWidth = wide;
         if (values.valid[at] !== 1 && Number.isFinite(values.u[at])) {
