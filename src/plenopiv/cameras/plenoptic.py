@@ -45,7 +45,9 @@ class PlenopticCamera:
     """Everything that fixes where the light of a point goes.
 
     ``lattice`` is the lattice of the *microlenses* (not of their images, which are ``image_pitch`` apart). ``rim``:
-    what else than its aperture limits the main lens, None where nothing does.
+    what else than its aperture limits the main lens, None where nothing does. ``blur_mm``: of a main lens that is not
+    sharp, the standard deviation along each axis of the Gaussian by which it displaces rays on the microlens plane,
+    their direction kept.
     """
 
     main_lens: MainLens
@@ -53,6 +55,7 @@ class PlenopticCamera:
     microlens_focal_length_mm: float
     sensor: Sensor
     rim: LensRim | None = None
+    blur_mm: float = 0.0
 
     def __repr__(self) -> str:
         lens, sensor = self.main_lens, self.sensor

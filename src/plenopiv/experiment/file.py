@@ -165,6 +165,7 @@ class Experiment(Table):
             Lattice(array.lattice, array.pitch_mm, radians(array.rotation_deg or 0.0), array.offset_mm or (0.0, 0.0)),
             array.focal_length_mm,
             Sensor(**sensor.model_dump()),
+            blur_mm=lens.blur_mm,
         )
 
     def grid(self) -> VoxelGrid:

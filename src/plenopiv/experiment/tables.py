@@ -118,13 +118,15 @@ class MainLensTable(Table):
     """``[camera.main_lens]``: a thin lens.
 
     ``f_number`` is the number engraved on the lens, N = focal_length/aperture (the lens focused at infinity), not the
-    working f-number S_i/aperture. Give ``aperture_mm`` or ``f_number``, not both.
+    working f-number S_i/aperture. Give ``aperture_mm`` or ``f_number``, not both. ``blur_mm``: of a lens that is not
+    sharp, the standard deviation along each axis of its Gaussian point spread on the microlens plane.
     """
 
     focal_length_mm: PositiveFloat
     aperture_mm: PositiveFloat | None = None
     f_number: PositiveFloat | None = None
     magnification: Number
+    blur_mm: NotNegative = 0.0
 
     @model_validator(mode="after")
     def _consistent(self) -> MainLensTable:

@@ -44,7 +44,7 @@ def save_calibration(calibration: TargetCalibration, inputs: Mapping[str, str], 
         "parameters": {name: {"value": names[name], "std": calibration.std[name]} for name in names},
         "planes": [asdict(plane) for plane in calibration.planes],
         "residuals": {"field_um": calibration.field_um, "views_um": calibration.views_um},
-        "camera": _without_none(asdict(calibration.camera)),
+        "camera": {k: v for k, v in _without_none(asdict(calibration.camera)).items() if k != "blur_mm"},
         "rays": asdict(calibration.model),
     }
     with written_aside(path) as aside:

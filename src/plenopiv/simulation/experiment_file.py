@@ -20,7 +20,7 @@ kind = "plenoptic"
 focal_length_mm = {focal_length}
 aperture_mm = {aperture}
 magnification = {magnification}
-
+{blur}
 [camera.microlens_array]
 lattice = "{lattice}"
 pitch_mm = {pitch}
@@ -99,6 +99,7 @@ def experiment_toml(
         focal_length=float(lens.focal_length_mm),
         aperture=float(lens.aperture_mm),
         magnification=float(lens.magnification),
+        blur=f"blur_mm = {float(camera.blur_mm)!r}\n" if camera.blur_mm else "",
         lattice=camera.lattice.kind,
         pitch=float(camera.lattice.pitch_mm),
         microlens_focal_length=float(camera.microlens_focal_length_mm),

@@ -3,6 +3,7 @@
 Source: Shi, Ding & New (2016), Eqs. 1-5 and section 2. Every particle sends rays to all of the main lens' aperture;
 each is traced to its microlens and to its pixel, without any approximation beyond the paper's linear Gaussian optics.
 The light of a particle does not depend on its depth (the lens' solid angle changes by 2 % per mm at S_o = 100 mm).
+A main lens that blurs (``PlenopticCamera.blur_mm``) displaces each ray on the microlens plane.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ def particle_image(
             *items,
             x, y, spread, scale, particles.electrons / rays,
             rays, sampling == "stratified", np.uint64(seed % 2**64),
-            0.5 * lens.aperture_mm, size, blur,
+            0.5 * lens.aperture_mm, size, camera.blur_mm, blur,
             lattice.kind == "hexagonal", lattice.pitch_mm, lattice.rotation_rad,
             lattice.offset_mm[0], lattice.offset_mm[1],
             camera.image_scale, column0, row0, sensor.pixel_pitch_mm,
@@ -95,7 +96,8 @@ def _patch_windows(
     """
     sensor, radius, e = camera.sensor, 0.5 * camera.main_lens.aperture_mm, camera.image_scale
     reach = np.abs(spread) * radius * (1 + e) + 0.7072 * camera.lattice.pitch_mm + e * radius
-    reach += kernels.LARGEST_DEVIATE * (np.abs(scale) * (1 + e) * particle_sigma_mm + blur_sigma_mm)
+    sigma = np.abs(scale) * (1 + e) * particle_sigma_mm + camera.blur_mm + blur_sigma_mm
+    reach += kernels.LARGEST_DEVIATE * sigma
     column, row = sensor.pixel_from_plane(scale * x * (1 + e), scale * y * (1 + e))
     half = reach / sensor.pixel_pitch_mm + 1.0
     limits = np.array([sensor.columns, sensor.rows])

@@ -76,7 +76,8 @@ def trace_items(
     seed: np.uint64,
     aperture_radius_mm: float,
     particle_sigma_mm: float,
-    blur_sigma_mm: float,
+    lens_sigma_mm: float,  # of the main lens' blur on the microlens plane
+    blur_sigma_mm: float,  # of the microlenses' on the sensor
     hexagonal: bool, pitch_mm: float, rotation_rad: float, offset_s_mm: float, offset_t_mm: float,
     image_scale: float,
     column0: float, row0: float, pixel_mm: float,
@@ -85,7 +86,9 @@ def trace_items(
 
     ``s = A u + B x``; the microlens at S that holds (s, t) sends the ray to ``S (1 + e) + e ((s - S) - u)`` on the
     sensor (Eqs. 1-5 multiplied out). Stratified rays form a golden-angle spiral over the aperture, equal areas to equal
-    numbers, turned and shifted at random for each particle so that the mean is exact.
+    numbers, turned and shifted at random for each particle so that the mean is exact. A main lens that blurs displaces
+    (s, t) by a Gaussian; as the ray keeps its direction, the microlens that then holds it sends it to ``S (1 + e) + e
+    ((s - S) - u)`` with the (s, t) from before.
     """
     turn_c, turn_s = cos(2.0 * pi * GOLDEN), sin(2.0 * pi * GOLDEN)
     rot_c, rot_s = cos(rotation_rad), sin(rotation_rad)
@@ -115,6 +118,10 @@ def trace_items(
             s = spread[p] * u + scale[p] * x
             t = spread[p] * v + scale[p] * y
             ds, dt = s - offset_s_mm, t - offset_t_mm
+            if lens_sigma_mm > 0.0:
+                dx, dy = normal_pair(ray_seed, 8 * ray + 6)
+                ds += lens_sigma_mm * dx
+                dt += lens_sigma_mm * dy
             a, b = (rot_c * ds + rot_s * dt) / pitch_mm, (rot_c * dt - rot_s * ds) / pitch_mm
             a, b = nearest_lens(a, b, hexagonal)
             lens_s = offset_s_mm + (rot_c * a - rot_s * b) * pitch_mm

@@ -53,7 +53,8 @@ class RealCamera:
     share of the microlenses' focal length the gap behind them grows over the length of the sensor's diagonal, along
     ``gap_tilt_direction_deg`` in (s, t). ``aspect``: by what share rows of microlenses are further apart than their
     pitch would have it; ``array_distortion``: by what share a microlens in the sensor's corner is further off the axis
-    than the lattice would have it, as the square of the distance. ``medium``: in the camera's frame; its window is
+    than the lattice would have it, as the square of the distance. ``blur_mm``: as of ``PlenopticCamera``, for
+    particles; targets are imaged sharp. ``medium``: in the camera's frame; its window is
     turned about x, then about y, about the point where the axis meets its inner face: +1 degree about y brings its side
     at +x nearer to z = 0.
     """
@@ -71,6 +72,7 @@ class RealCamera:
     gap_tilt_direction_deg: float = 0.0
     aspect: float = 0.0
     array_distortion: float = 0.0
+    blur_mm: float = 0.0
     medium: Medium | None = None
     pose: Pose = Pose()
 
@@ -108,6 +110,7 @@ class RealCamera:
             lattice=camera.lattice,
             microlens_focal_length_mm=camera.microlens_focal_length_mm,
             sensor=camera.sensor,
+            blur_mm=camera.blur_mm,
             **real,  # type: ignore[arg-type]
         )
 

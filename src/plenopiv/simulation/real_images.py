@@ -88,10 +88,10 @@ def real_particle_image(
     def trace(items: Items) -> None:
         in_threads(
             real_light.trace_particles, items.particle.size, *items, cam, position, particles.electrons / rays,
-            rays, np.uint64(seed % 2**64), size, blur,
+            rays, np.uint64(seed % 2**64), size, camera.blur_mm, blur,
         )  # fmt: skip
 
-    window = _patch_windows(camera, position, size, blur)
+    window = _patch_windows(camera, position, size, camera.blur_mm + blur)
     return gathered((camera.sensor.rows, camera.sensor.columns), window, rays, trace, progress)
 
 

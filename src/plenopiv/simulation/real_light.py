@@ -41,7 +41,8 @@ def trace_particles(
     rays: int,
     seed: np.uint64,
     particle_sigma_mm: float,
-    blur_sigma_mm: float,
+    lens_sigma_mm: float,  # of the main lens' blur on the microlens plane
+    blur_sigma_mm: float,  # of the microlenses' on the sensor
 ) -> None:  # fmt: skip
     """Trace rays of every item into its patch: a golden-angle spiral over the entrance pupil, equal areas to equal
     numbers, turned and shifted at random for each particle so that the mean is exact."""
@@ -67,6 +68,10 @@ def trace_particles(
             s, t, ms, mt = onto_microlenses(cam, qx, qy, mx, my)
             if not isfinite(s):
                 continue
+            if lens_sigma_mm > 0.0:
+                dx, dy = normal_pair(ray_seed, 8 * ray + 4)
+                s += lens_sigma_mm * dx
+                t += lens_sigma_mm * dy
             hit_s, hit_t = onto_sensor(cam, s, t, ms, mt)
             if blur_sigma_mm > 0.0:
                 dx, dy = normal_pair(ray_seed, 8 * ray + 2)

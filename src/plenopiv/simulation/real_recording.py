@@ -87,7 +87,7 @@ def data_sheet(camera: RealCamera) -> PlenopticCamera:
         2.0 * camera.entrance_pupil_mm[1],
         -camera.image_distance_mm / camera.object_distance_mm,
     )
-    return PlenopticCamera(lens, camera.lattice, camera.microlens_focal_length_mm, camera.sensor)
+    return PlenopticCamera(lens, camera.lattice, camera.microlens_focal_length_mm, camera.sensor, None, camera.blur_mm)
 
 
 def simulate_real_recording(

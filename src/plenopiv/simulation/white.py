@@ -23,7 +23,8 @@ def white_image(
 
     A microlens centred at S shows the aperture as a disc of diameter e P_m centred at S (1 + e); the discs touch when
     the f-numbers match. A pixel at a rim gets the exact share that the discs cover, a whole one
-    ``electrons_per_pixel``. ``falloff`` is the share of light lost in the sensor's corners, growing with the square of
+    ``electrons_per_pixel``. A main lens that blurs changes nothing: its light on the microlens plane is even, and
+    keeps its directions. ``falloff`` is the share of light lost in the sensor's corners, growing with the square of
     the distance from its centre. ``diffraction_nm``: wavelength of the microlenses' diffraction blur, or None.
 
     Raises PlenoPIVError for a falloff outside 0-1.
