@@ -182,7 +182,15 @@ class Chain:
         return projectors[0] if self.poses == (FRONT,) else SeveralCameras(grid, projectors, self.poses)
 
     def _projector(self, where: Layout, grid: VoxelGrid, weights: str) -> PlenopticProjector:
-        """Of one camera, with what ``space`` leaves of its views."""
+        """Of one camera, with what ``space`` leaves of its views.
+
+        Raises PlenoPIVError where the main lens blurs and rays are asked for.
+        """
+        if where.camera.blur_mm > 0 and weights != "exact":
+            raise PlenoPIVError(
+                f'reconstruction.weights: "{weights}" takes the main lens as sharp: use "exact", or '
+                "main_lens.blur_mm = 0"
+            )
         left, portion = None if self.space is None else self.space.left, where.camera.portion_mm
         shifts = None if left is None else left.of_views(where.offsets * (portion, -portion))
         return PlenopticProjector(where, grid, weights, shifts=shifts)

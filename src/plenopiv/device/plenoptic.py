@@ -194,12 +194,17 @@ class PlenopticOnDevice:
     def of(cls, host: PlenopticProjector, alike: bool = True) -> PlenopticOnDevice:
         """``alike``: a tile has some rows of voxels more than it needs, so that tiles share programs.
 
-        Raises PlenoPIVError where its weights are of rays.
+        Raises PlenoPIVError where its weights are of rays, or the main lens blurs.
         """
         mapped, where = host.images, host.layout
         if not isinstance(mapped, MappedViews):
             raise PlenoPIVError(
                 f'reconstruction.weights: "{host.weights}" is not computed on a graphics processor; use "exact", or '
+                'compute.device = "cpu"'
+            )
+        if where.camera.blur_mm > 0:
+            raise PlenoPIVError(
+                f"main_lens.blur_mm: {where.camera.blur_mm:g} is not computed on a graphics processor; use "
                 'compute.device = "cpu"'
             )
         block = LensBlock(where.ni, where.nj, where.camera.lattice.kind == "hexagonal")

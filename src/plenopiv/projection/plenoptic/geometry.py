@@ -98,6 +98,7 @@ class CameraConstants(NamedTuple):
     row: np.float32  # row spacing of the lattice in pitches
     x0: np.float32  # first voxel centre in voxels from the axis: x0 / dx
     y0: np.float32
+    blur: np.float32  # standard deviation of the main lens' blur along each axis, cells (``blurred``)
 
 
 def camera_constants(camera: PlenopticCamera, grid: VoxelGrid) -> CameraConstants:
@@ -113,6 +114,7 @@ def camera_constants(camera: PlenopticCamera, grid: VoxelGrid) -> CameraConstant
         f(lattice.row_spacing),
         f(grid.first_mm[0] / grid.voxel_mm[0]),
         f(grid.first_mm[1] / grid.voxel_mm[1]),
+        f(camera.blur_mm / lattice.pitch_mm),
     )
 
 
@@ -129,6 +131,9 @@ class CameraOnGrid:
     def __init__(self, layout: Layout, grid: VoxelGrid, shifts: NDArray[np.float32] | None = None):
         self.layout, self.grid, self.shifts = layout, grid, shifts
         self.cam, self.planes = camera_constants(layout.camera, grid), planes(layout.camera, grid)
+        self.blurred: NDArray[np.float32] | None = (
+            None  # weights with the main lens' blur, once asked for (``blurred``)
+        )
         self.lens_mm = lenses_mm(layout)
         m, n = np.abs(layout.offsets).T
         self.rim = np.hypot(m + 1.05, n + 1.05) > layout.camera.aperture_radius_px  # phase and drift move it by 0.55

@@ -25,6 +25,7 @@ from plenopiv.projection.plenoptic.cell_areas import (
 from plenopiv.projection.plenoptic.geometry import CameraConstants, Plane
 
 ONE_RAY, NINE_RAYS, EXACT = 0, 1, 2
+CUT = 3.0  # standard deviations of the main lens' blur after which it is cut off
 RECTANGLES = 6  # written out one by one in rim_weight, so that common terms are computed once
 F = np.float32
 
@@ -47,7 +48,7 @@ def floor_of(x: np.float32) -> np.int64:
 def reach_of(cam: CameraConstants, plane: Plane, rule: int) -> tuple[np.float32, np.float32]:
     """Farthest that a patch of light may be centred from a microlens' centre, in cells along and across the rows, and
     still meet its cell."""
-    half = plane.half if rule == EXACT else F(0.67) * plane.half * (abs(cam.cos) + abs(cam.sin))
+    half = plane.half + F(CUT) * cam.blur if rule == EXACT else F(0.67) * plane.half * (abs(cam.cos) + abs(cam.sin))
     half += abs(cam.turn) * (half + F(0.6))
     return F(0.5) + half, (TIP if cam.hexagonal else F(0.5)) + half
 

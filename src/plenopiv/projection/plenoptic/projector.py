@@ -37,6 +37,7 @@ class PlenopticProjector:
     ``weights``: "1-ray" (the centre of each pixel's portion of the main lens), "9-rays", "exact" areas by maps of each
     plane (``plane_maps``) with ``across`` points across a footprint, or "polygons", the same areas voxel by voxel and
     lens by lens (``by_voxel``): slower, the reference of the maps. ``shifts``: of each view, as ``CameraOnGrid``.
+    Rays take the main lens as sharp (``PlenopticCamera.blur_mm``).
     """
 
     def __init__(
@@ -188,4 +189,5 @@ class PlenopticProjector:
     @property
     def _half_width(self) -> float:
         """Half the width of what a pixel sees in a plane, in rows of voxels."""
-        return 0.5 / float(np.abs(self.camera.column("cell_y")).min()) + 1
+        blur = pixel_weights.CUT * self.layout.camera.blur_mm / self.layout.camera.lattice.pitch_mm
+        return (0.5 + blur) / float(np.abs(self.camera.column("cell_y")).min()) + 1

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import kernel, part
+from plenopiv.projection.plenoptic.blurred import table_weight
 from plenopiv.projection.plenoptic.by_voxel.slots import (
     block_centres,
     first_lenses,
@@ -34,6 +35,7 @@ from plenopiv.projection.plenoptic.pixel_weights import (
     reach_of,
     rim_weight,
 )
+from plenopiv.projection.plenoptic.plane_maps.view_pixels import lit_part
 
 BLOCK = 128  # voxels worked on at once
 PAIRS = 512  # pairs of a voxel and a lens worked on at once
@@ -67,9 +69,35 @@ def collect_pairs(
 
 
 @part
+def blurred_weights(
+    cam: CameraConstants,
+    plane: Plane,
+    blurred: NDArray[np.float32],
+    rim: bool,
+    pairs: int,
+    x: NDArray[np.float32],
+    y: NDArray[np.float32],
+    qx: NDArray[np.float32],
+    qy: NDArray[np.float32],
+    weight: NDArray[np.float32],
+) -> None:
+    """``pair_weights`` where the main lens blurs. A pixel that the rim cuts has the footprint of a whole one at the
+    middle of its lit part."""
+    wide, high = reach_of(cam, plane, np.int64(EXACT))
+    for k in range(pairs):
+        lit, px, py = F(1), x[k], y[k]
+        if rim:
+            lit, u, v = lit_part(cam.radius, plane.spread, qx[k], qy[k])
+            u, v = plane.move * (u - qx[k]), plane.move * (v - qy[k])
+            px, py = px + cam.cos * u + cam.sin * v, py + cam.cos * v - cam.sin * u
+        weight[k] = lit * table_weight(blurred, wide, high, px, py)
+
+
+@part
 def pair_weights(
     cam: CameraConstants,
     plane: Plane,
+    blurred: NDArray[np.float32],
     rule: int,
     rim: bool,
     share: NDArray[np.float32],
@@ -82,8 +110,10 @@ def pair_weights(
     weight: NDArray[np.float32],
 ) -> None:
     """The weight of the voxel of each pair in its lens' pixel, into ``weight``. ``share``: lit share of the pixels
-    (lens,)."""
-    if rule == ONE_RAY:
+    (lens,). ``blurred``: of the plane, ``blurred.tables_of``."""
+    if rule == EXACT and cam.blur > F(0):
+        blurred_weights(cam, plane, blurred, rim, pairs, x, y, qx, qy, weight)
+    elif rule == ONE_RAY:
         for k in range(pairs):
             weight[k] = share[lens[k]] * ray_inside(cam, x[k], y[k])
     elif rule == EXACT and not rim:
@@ -133,6 +163,7 @@ def project(
     moved: NDArray[np.float32],
     change: np.float32,
     table: NDArray[np.float32],
+    blurred: NDArray[np.float32],
     ny: int,
     rule: int,
     rim: bool,
@@ -169,7 +200,7 @@ def project(
             partial[c, :] = F(0)
         row = chunks[c]
         while row < chunks[c + 1]:
-            plane = plane_of(table, row // ny)
+            plane, of_plane = plane_of(table, row // ny), blurred[row // ny]
             last_row = min((row // ny + 1) * ny, chunks[c + 1])
             start, plane_end = row_start[row], row_start[last_row]
             reach_x, reach_y = reach_of(cam, plane, rule)
@@ -219,7 +250,19 @@ def project(
                     if pairs < PAIRS - BLOCK and slot < slots - 1:
                         continue
                     pair_weights(
-                        cam, plane, rule, rim, share, pairs, pair_lens, pair_x, pair_y, pair_qx, pair_qy, weight
+                        cam,
+                        plane,
+                        of_plane,
+                        rule,
+                        rim,
+                        share,
+                        pairs,
+                        pair_lens,
+                        pair_x,
+                        pair_y,
+                        pair_qx,
+                        pair_qy,
+                        weight,
                     )
                     if scatter:
                         for k in range(pairs):

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.projection.correction import correct
+from plenopiv.projection.plenoptic.blurred import blurred
 from plenopiv.projection.plenoptic.by_voxel.kernels import project
 from plenopiv.projection.plenoptic.geometry import CameraOnGrid
 from plenopiv.threads import in_threads
@@ -69,7 +70,7 @@ class ViewsByVoxel:
         m, n = self.layout.offsets[view].astype(np.float32)
         moved = self._moved if self.camera.shifts is None else self.camera.lenses_moved(view)
         lenses = self._box, self.layout.phase, *moved
-        constants = self.camera.cam, *lenses, self.camera.planes, self.camera.grid.shape[1]
+        constants = self.camera.cam, *lenses, self.camera.planes, blurred(self.camera), self.camera.grid.shape[1]
         pixels = self.rule, bool(self.camera.rim[view]), m, n, self.layout.fill[view]
         listed = volume.row_chunks(chunks), volume.row_start, volume.column, volume.values
         in_threads(project, chunks, *constants, *pixels, *listed, image, partial, out, scatter)

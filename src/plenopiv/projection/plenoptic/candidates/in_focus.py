@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from plenopiv.kernels import inlined, kernel
 from plenopiv.lattice import nearest_lens
 from plenopiv.lightfield import Layout
+from plenopiv.projection.plenoptic.pixel_weights import CUT
 from plenopiv.threads import in_threads
 from plenopiv.volume import VoxelGrid
 
@@ -46,12 +47,13 @@ def rule_out_together(
 
     ``bound`` (view, lens): most counts that a pixel may have collected, inf where it is no equation. ``counts``: what a
     particle gives a wholly lit pixel in this plane. A voxel touches the microlenses that hold its middle, its corners
-    or the middles of its sides, all moved outward by the blur of half a voxel in depth. Voxels wider than a microlens
-    are not judged.
+    or the middles of its sides, all moved outward by the blur of half a voxel in depth and that of the main lens.
+    Voxels wider than a microlens are not judged.
     """
     camera, (x, y, z) = layout.camera, grid.axes()
     depth = z[plane] + grid.voxel_mm[2] * np.array([-0.5, 0.5])
     blur, scale = np.abs(camera.spread(depth)).max() * 0.5 * camera.main_lens.aperture_mm, float(camera.scale(z[plane]))
+    blur += CUT * camera.blur_mm
     half_x, half_y = (float(0.5 * abs(scale) * size + blur) for size in grid.voxel_mm[:2])
     lattice = camera.lattice
     if max(half_x, half_y) > 0.5 * lattice.pitch_mm:

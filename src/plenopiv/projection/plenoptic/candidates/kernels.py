@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import borrowed, inlined, kernel, part
+from plenopiv.projection.plenoptic.blurred import table_weight
 from plenopiv.projection.plenoptic.geometry import CameraConstants, Plane
 from plenopiv.projection.plenoptic.pixel_weights import (
     EXACT,
@@ -42,6 +43,7 @@ def outward(x: np.float32, by: np.float32) -> np.float32:
 def row_weights(
     cam: CameraConstants,
     plane: Plane,
+    blurred: NDArray[np.float32],
     rule: int,
     rim: bool,
     lit: np.float32,
@@ -61,11 +63,18 @@ def row_weights(
 
     Computes whole vectors of LANES voxels, so that no scalar remainder is left: n is a multiple of LANES. Voxels
     outside the footprint get 0. ``lit``: share of the pixel that is lit, for a single ray. ``out_x``, ``out_y``: cells
-    by which a voxel is taken further from the footprint's centre than its own centre, for exact areas.
+    by which a voxel is taken further from the footprint's centre than its own centre, for exact areas. ``blurred``: of
+    the plane, ``blurred.tables_of``.
     """
+    wide, high = reach_of(cam, plane, np.int64(EXACT))
     for b in range(0, n, LANES):
         part = weight[b : b + LANES]
-        if rule == EXACT:
+        if rule == EXACT and cam.blur > F(0):
+            for i in range(LANES):
+                f = F(b + i)
+                x, y = outward(x0 + f * step_x, out_x), outward(y0 + f * step_y, out_y)
+                part[i] = table_weight(blurred, wide, high, x, y)
+        elif rule == EXACT:
             for i in range(LANES):
                 f = F(b + i)
                 x, y = outward(x0 + f * step_x, out_x), outward(y0 + f * step_y, out_y)
@@ -93,7 +102,7 @@ def footprint_centre(
 
 
 @part
-def weight_sums(cam: CameraConstants, plane: Plane) -> tuple[float, float, np.float32]:
+def weight_sums(cam: CameraConstants, plane: Plane, blurred: NDArray[np.float32]) -> tuple[float, float, np.float32]:
     """Over all places of a voxel in a plane, the integrals of its weight in a pixel and of the weight's square
     (cells^2), and the largest weight."""
     wide, high = reach_of(cam, plane, np.int64(EXACT))
@@ -102,7 +111,10 @@ def weight_sums(cam: CameraConstants, plane: Plane) -> tuple[float, float, np.fl
         for i in range(INTEGRATION):
             x = F((i + 0.5) * (2.0 / INTEGRATION) - 1.0) * wide
             y = F((j + 0.5) * (2.0 / INTEGRATION) - 1.0) * high
-            weight = area_of(cam, x, y, plane.half, plane.half) * scale
+            if cam.blur > F(0):
+                weight = table_weight(blurred, wide, high, x, y)
+            else:
+                weight = area_of(cam, x, y, plane.half, plane.half) * scale
             total += weight
             squares += weight * weight
             most = max(most, weight)
@@ -112,11 +124,16 @@ def weight_sums(cam: CameraConstants, plane: Plane) -> tuple[float, float, np.fl
 
 @kernel
 def weight_sums_of_planes(
-    begin: int, end: int, cam: CameraConstants, table: NDArray[np.float32], out: NDArray[np.float64]
+    begin: int,
+    end: int,
+    cam: CameraConstants,
+    table: NDArray[np.float32],
+    blurred: NDArray[np.float32],
+    out: NDArray[np.float64],
 ) -> None:
     """``weight_sums`` of planes ``begin`` to ``end`` of ``table`` into ``out`` (nz, 3)."""
     for k in range(begin, end):
-        out[k, 0], out[k, 1], out[k, 2] = weight_sums(cam, plane_of(table, k))
+        out[k, 0], out[k, 1], out[k, 2] = weight_sums(cam, plane_of(table, k), blurred[k])
 
 
 @part
@@ -145,6 +162,7 @@ def rule_out(
     turns: NDArray[np.int64],
     cam: CameraConstants,
     table: NDArray[np.float32],
+    blurred: NDArray[np.float32],
     largest: NDArray[np.float32],
     rule: int,
     rim: NDArray[np.bool_],
@@ -160,12 +178,13 @@ def rule_out(
 ) -> None:
     """Rule out voxels in which a particle would give a pixel more than ``bound`` (view, lens), counts.
 
-    Of planes ``turns[begin:end]``. ``alive``: uint8 (planes, ny, nx + LANES), 1 for voxels not ruled out. ``table`` and
-    ``largest`` (planes,), the largest weight, are those of its planes. ``particle``: light of a particle in counts, all
-    pixels together. ``places_mm`` (views, lens, 2): where the microlenses are in each view; (1, lens, 2) where that is
-    the same in all. ``blur`` (planes,): cells that half a voxel in depth moves a footprint, per pixel of q. A voxel's
-    weight is the least over the places within it (for exact areas). A pixel that the aperture's rim cuts is taken as in
-    ``plane_maps.view_pixels``. Views are tried in ``order``.
+    Of planes ``turns[begin:end]``. ``alive``: uint8 (planes, ny, nx + LANES), 1 for voxels not ruled out. ``table``,
+    ``blurred`` (``blurred.tables_of``) and ``largest`` (planes,), the largest weight, are those of its planes.
+    ``particle``: light of a particle in counts, all pixels together. ``places_mm`` (views, lens, 2): where the
+    microlenses are in each view; (1, lens, 2) where that is the same in all. ``blur`` (planes,): cells that half a
+    voxel in depth moves a footprint, per pixel of q. A voxel's weight is the least over the places within it (for exact
+    areas). A pixel that the aperture's rim cuts is taken as in ``plane_maps.view_pixels``. Views are tried in
+    ``order``.
     """
     _, ny, nx = alive.shape
     alive, bound, places_mm, phase = borrowed((alive, bound, places_mm, phase))
@@ -215,6 +234,7 @@ def rule_out(
                         row_weights(
                             cam,
                             plane,
+                            blurred[k],
                             rule,
                             rim[view],
                             fill[view, lens],

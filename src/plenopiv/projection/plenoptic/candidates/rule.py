@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.projection.plenoptic.blurred import blurred
 from plenopiv.projection.plenoptic.candidates import kernels
 from plenopiv.projection.plenoptic.candidates.in_focus import borders_coincide, rule_out_together
 from plenopiv.projection.plenoptic.geometry import CameraOnGrid
@@ -32,7 +33,7 @@ def weight_sums(camera: CameraOnGrid) -> NDArray[np.float64]:
     """Of each plane, (nz, 3): the sum of the exact weights of its voxels in one pixel, were the plane without borders;
     the sum of their squares; and the largest weight."""
     out = np.empty((camera.grid.shape[0], 3))
-    in_threads(kernels.weight_sums_of_planes, len(out), camera.cam, camera.planes, out)
+    in_threads(kernels.weight_sums_of_planes, len(out), camera.cam, camera.planes, blurred(camera), out)
     cells = camera.column("cell_x", "cell_y")
     out[:, :2] /= np.abs(cells[:, :1] * cells[:, 1:])
     return out
@@ -65,7 +66,7 @@ def candidate_planes(
         alive = np.zeros((slab.stop - lo, ny, nx + kernels.LANES), np.uint8)
         for plane in alive:
             plane[:, :nx] = next(visible)
-        planes = camera.planes[slab], largest[slab], rule, camera.rim
+        planes = camera.planes[slab], blurred(camera)[slab], largest[slab], rule, camera.rim
         half_step = blur[slab].astype(np.float32)
         in_threads(kernels.rule_out, len(alive), in_turn(len(alive)), camera.cam, *planes, *pixels, half_step, alive)
         for k, plane in enumerate(alive[:, :, :nx], lo):

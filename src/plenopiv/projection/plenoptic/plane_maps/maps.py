@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import kernel
+from plenopiv.projection.plenoptic.blurred import table_weight
 from plenopiv.projection.plenoptic.geometry import CameraConstants, column_of
-from plenopiv.projection.plenoptic.pixel_weights import EXACT, area_of, box_of, plane_of
+from plenopiv.projection.plenoptic.pixel_weights import CUT, EXACT, area_of, box_of, plane_of, reach_of
 from plenopiv.projection.plenoptic.plane_maps.simd import LANES
 from plenopiv.threads import in_threads
 
@@ -59,17 +60,21 @@ class PlaneMaps(NamedTuple):
 
 
 def plane_maps(
-    cam: CameraConstants, table: NDArray[np.float32], grid_shape: tuple[int, int, int], across: float = ACROSS
+    cam: CameraConstants,
+    table: NDArray[np.float32],
+    blurred: NDArray[np.float32],
+    grid_shape: tuple[int, int, int],
+    across: float = ACROSS,
 ) -> PlaneMaps:
     """The maps of the planes of ``table`` (``geometry.planes``) of a camera ``cam``, with at least ``across`` points
-    across a footprint."""
+    across a footprint. ``blurred``: ``blurred.tables_of`` the planes."""
     nz, ny, nx = grid_shape
     shape, start, border = np.zeros((nz, 6), np.int64), np.zeros((nz, 2), np.int64), np.zeros((nz, 2), np.int64)
-    reach = np.empty((nz, 3), np.float32)
+    reach = np.empty((nz, 5), np.float32)
     footprint_sizes(cam, table, reach)
     total = 0
-    for k, (wide, high, ramp) in enumerate(reach.tolist()):
-        narrow = 2 * min(wide, high)
+    for k, (wide, high, ramp, half_x, half_y) in enumerate(reach.tolist()):
+        narrow = 2 * min(half_x, half_y)
         step = sqrt(ramp * narrow / SMOOTH) * ACROSS / across  # voxels
         sharp = min(next((n for n, voxels in SHARP if ramp < voxels), 1), ceil(MOST_ACROSS / narrow))
         points = max(ceil(sharp * across / ACROSS), ceil(across / narrow))
@@ -83,7 +88,10 @@ def plane_maps(
         start[k, 0] = total
         total += rows * columns * 4**shift
     weights = np.zeros(total, np.float32)
-    in_threads(tabulate_weights, len(table), cam, table, shape, start, border, weights)
+    if cam.blur > 0:
+        in_threads(read_weights, len(table), cam, table, blurred, shape, start, border, weights)
+    else:
+        in_threads(tabulate_weights, len(table), cam, table, shape, start, border, weights)
     rank, factors = np.zeros(nz, np.int64), list[NDArray[np.float64]]()
     for k, (_, _, rows, columns, _, shift) in enumerate(shape):
         voxels = 1 << shift
@@ -164,12 +172,20 @@ def widest_footprint(found: PlaneMaps) -> tuple[float, float]:
 
 @kernel
 def footprint_sizes(cam: CameraConstants, table: NDArray[np.float32], reach: NDArray[np.float32]) -> None:
-    """Half widths in voxels of the rectangle around a footprint, and the width of the ramp at its edge, into ``reach``
-    (nz, 3)."""
+    """Half widths in voxels of the rectangle around a footprint, the width of the ramp at its edge, and the half widths
+    without the tails of the main lens' blur, into ``reach`` (nz, 5). A blurred edge counts as the ramp of the same
+    variance."""
     for k in range(table.shape[0]):
         plane = plane_of(table, k)
+        half = plane.half
         reach[k, 0], reach[k, 1] = box_of(cam, plane, np.int64(EXACT))
-        reach[k, 2] = F(2) * min(plane.half, F(0.5)) / max(abs(plane.cell_x), abs(plane.cell_y))
+        tails_x, tails_y = F(0), F(0)
+        if cam.blur > F(0):
+            half = sqrt(half * half + F(3) * cam.blur * cam.blur)
+            turned = (abs(cam.cos) + abs(cam.sin)) * (plane.half + F(CUT) * cam.blur - half)
+            tails_x, tails_y = turned / abs(plane.cell_x), turned / abs(plane.cell_y)
+        reach[k, 2] = F(2) * min(half, F(0.5)) / max(abs(plane.cell_x), abs(plane.cell_y))
+        reach[k, 3], reach[k, 4] = reach[k, 0] - tails_x, reach[k, 1] - tails_y
 
 
 @kernel
@@ -198,4 +214,33 @@ def tabulate_weights(
                     ox = plane.cell_x * step * (F(right - i) + beyond_x)
                     x, y = cam.cos * ox + cam.sin * oy, cam.cos * oy - cam.sin * ox
                     weights[at] = scale * area_of(cam, x, y, plane.half, plane.half)
+                    at += 1
+
+
+@kernel
+def read_weights(
+    begin: int,
+    end: int,
+    cam: CameraConstants,
+    table: NDArray[np.float32],
+    blurred: NDArray[np.float32],
+    shape: NDArray[np.int64],
+    start: NDArray[np.int64],
+    border: NDArray[np.int64],
+    weights: NDArray[np.float32],
+) -> None:
+    """``tabulate_weights`` where the main lens blurs, from ``blurred``, the ``blurred.tables_of`` the planes."""
+    for k in range(begin, end):
+        plane, at = plane_of(table, k), start[k, 0]
+        wide, high = reach_of(cam, plane, np.int64(EXACT))
+        step = F(1 << shape[k, 5]) / F(shape[k, 4])
+        voxels, middle_j, middle_i = 1 << shape[k, 5], border[k, 1] - 2, border[k, 0] - 2
+        for place in range(voxels * voxels):
+            beyond_y, beyond_x = F(place // voxels) / F(voxels), F(place % voxels) / F(voxels)
+            for j in range(shape[k, 2]):
+                oy = plane.cell_y * step * (F(middle_j - j) + beyond_y)
+                for i in range(shape[k, 3]):
+                    ox = plane.cell_x * step * (F(middle_i - i) + beyond_x)
+                    x, y = cam.cos * ox + cam.sin * oy, cam.cos * oy - cam.sin * ox
+                    weights[at] = table_weight(blurred[k], wide, high, x, y)
                     at += 1

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.projection.plenoptic.blurred import blurred
 from plenopiv.projection.plenoptic.geometry import CameraOnGrid, column_of
 from plenopiv.projection.plenoptic.plane_maps import kernels
 from plenopiv.projection.plenoptic.plane_maps.maps import (
@@ -34,7 +35,7 @@ class MappedViews:
     def __init__(self, camera: CameraOnGrid, across: float):
         self.layout, self.grid, self.rim = camera.layout, camera.grid, camera.rim
         self.cam, self.planes, self.camera = camera.cam, camera.planes, camera
-        self.maps = plane_maps(self.cam, self.planes, self.grid.shape, across)
+        self.maps = plane_maps(self.cam, self.planes, blurred(camera), self.grid.shape, across)
         self.workspace = kernels.workspace_size(self.maps.shape, kernels.STRIP)
         self.singles = single_planes(self.planes)
         self.pairs = [plane_pairs(self.cam, self.maps, self.planes, first) for first in (0, 1)]
