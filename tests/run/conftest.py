@@ -34,7 +34,7 @@ def camera(columns=420, rows=380):
     )
 
 
-def record(folder, **options):
+def record(folder, through=None, **options):
     settings = {
         "dt_s": 0.0005,
         "volume_mm": ((-0.75, 0.75), (-0.65, 0.65), (-1.6, 1.6)),
@@ -42,7 +42,9 @@ def record(folder, **options):
         "rays": 4000,
         "seed": 3,
     }
-    return simulate_recording(folder, camera(), flow("uniform", velocity_m_s=VELOCITY_M_S), **settings | options)
+    return simulate_recording(
+        folder, through or camera(), flow("uniform", velocity_m_s=VELOCITY_M_S), **settings | options
+    )
 
 
 @pytest.fixture(scope="session")

@@ -158,14 +158,15 @@ class Experiment(Table):
         return self.folder / self.output.directory
 
     def camera(self) -> PlenopticCamera:
-        """The camera as designed, its lattice as the file says: upright and on the axis where it says nothing."""
+        """The camera as designed, its lattice as the file says: upright and on the axis where it says nothing. A
+        blur of "auto" is 0 until it is measured."""
         lens, array, sensor = self.camera_table.main_lens, self.camera_table.microlens_array, self.camera_table.sensor
         return PlenopticCamera(
             MainLens(lens.focal_length_mm, lens.diameter_mm, lens.magnification),
             Lattice(array.lattice, array.pitch_mm, radians(array.rotation_deg or 0.0), array.offset_mm or (0.0, 0.0)),
             array.focal_length_mm,
             Sensor(**sensor.model_dump()),
-            blur_mm=lens.blur_mm,
+            blur_mm=0.0 if lens.blur_mm == "auto" else lens.blur_mm,
         )
 
     def grid(self) -> VoxelGrid:

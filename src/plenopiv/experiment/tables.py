@@ -19,6 +19,7 @@ from pydantic import (
 )
 
 from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.experiment.lens_blur import BlurMm
 from plenopiv.reconstruction.settings import CandidateRule, LightFieldMethod, ReconstructionSettings, Weights
 
 FARTHEST_PX = 1e6  # corners of polygons
@@ -118,15 +119,15 @@ class MainLensTable(Table):
     """``[camera.main_lens]``: a thin lens.
 
     ``f_number`` is the number engraved on the lens, N = focal_length/aperture (the lens focused at infinity), not the
-    working f-number S_i/aperture. Give ``aperture_mm`` or ``f_number``, not both. ``blur_mm``: of a lens that is not
-    sharp, the standard deviation along each axis of its Gaussian point spread on the microlens plane.
+    working f-number S_i/aperture. Give ``aperture_mm`` or ``f_number``, not both. ``blur_mm``: that of
+    ``cameras.plenoptic.PlenopticCamera``; "auto": as the particles of the first pair show it.
     """
 
     focal_length_mm: PositiveFloat
     aperture_mm: PositiveFloat | None = None
     f_number: PositiveFloat | None = None
     magnification: Number
-    blur_mm: NotNegative = 0.0
+    blur_mm: BlurMm = 0.0
 
     @model_validator(mode="after")
     def _consistent(self) -> MainLensTable:

@@ -21,6 +21,7 @@ from plenopiv.lightfield import decode, layout
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
 from plenopiv.recording.background import static_light_of_frames
+from plenopiv.run.lens_blur import with_blur
 from plenopiv.run.solid import solid_of
 from plenopiv.run.target import target_calibration
 from plenopiv.sensor import middle, middle_of
@@ -46,8 +47,9 @@ def calibrated_camera(
     """
     if (calibration := target or target_calibration(experiment, recording, fit)) is not None:
         lattice, seen = calibration.camera.lattice, [plane for plane in calibration.planes if plane.whole]
+        camera = replace(calibration.camera, blur_mm=experiment.camera().blur_mm)
         squares, dots = np.square([plane.rms_um for plane in seen]), [plane.whole for plane in seen]
-        return calibration.camera, {
+        return camera, {
             "lattice": lattice.kind,
             "pitch_mm": lattice.pitch_mm,
             "rotation_deg": degrees(lattice.rotation_rad),
@@ -89,6 +91,10 @@ def calibrated_chain(
     if recording.background_of_frames:
         recording, found["static_light"] = with_static_light(recording, camera, progress)
     chain = chain_of(experiment, camera, recording.unusable, solid, space)
+    if experiment.camera_table.main_lens.blur_mm == "auto":
+        camera, of_lens = with_blur(chain, recording)
+        found |= of_lens
+        chain = chain_of(experiment, camera, recording.unusable, solid, space)
     where, white = chain.layout, recording.white()  # the projection is made now, the layout once
     return (chain if white is None else chain.with_noise(counts_per_electron(decode(white, where)))), recording, found
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -218,6 +218,8 @@ class KeptVolumes:
         """
         solid = solid_of(experiment)
         camera, _ = calibrated_camera(experiment, recording)
+        if experiment.camera_table.main_lens.blur_mm == "auto":
+            camera = replace(camera, blur_mm=self.summary["calibration"]["blur_mm"])
         stated, unusable = self.inputs["calibration"], recording.unusable
         if recording.background_of_frames:
             unusable = self._unusable(recording, camera, progress)

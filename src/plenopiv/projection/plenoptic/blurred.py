@@ -38,8 +38,9 @@ def tables_of(cam: CameraConstants, planes: NDArray[np.float32]) -> NDArray[np.f
         return np.zeros((len(planes), 0, 0), np.float32)
     from scipy.ndimage import gaussian_filter1d
 
-    tables, steps = np.empty((len(planes), POINTS, POINTS), np.float32), np.empty((len(planes), 2), np.float32)
-    in_threads(sharp_tables, len(planes), cam, planes, tables, steps)
+    reach = np.array([reach_of.py_func(cam, plane_of.py_func(planes, k), EXACT) for k in range(len(planes))])
+    steps = (2 / (POINTS - 1) * reach).astype(np.float32)
+    tables = sharp_tables(cam, planes, steps, POINTS)
     halves = column_of(planes, "half").tolist()
     for table, size, half in zip(tables, steps.tolist(), halves, strict=True):
         total = table.sum(dtype=np.float64)
@@ -51,26 +52,35 @@ def tables_of(cam: CameraConstants, planes: NDArray[np.float32]) -> NDArray[np.f
     return tables
 
 
-@kernel
 def sharp_tables(
+    cam: CameraConstants, planes: NDArray[np.float32], steps: NDArray[np.float32], points: int
+) -> NDArray[np.float32]:
+    """The weights without blur of a voxel in a pixel of each of ``planes``, (nz, points, points), at places ``steps``
+    (nz, 2) apart, cells along and across the rows, about the footprint's centre; averaged over a step where a pixel's
+    square is smaller than that."""
+    tables = np.empty((len(planes), points, points), np.float32)
+    in_threads(fill_sharp_tables, len(planes), cam, planes, steps, tables)
+    return tables
+
+
+@kernel
+def fill_sharp_tables(
     begin: int,
     end: int,
     cam: CameraConstants,
     planes: NDArray[np.float32],
-    tables: NDArray[np.float32],
     steps: NDArray[np.float32],
+    tables: NDArray[np.float32],
 ) -> None:
-    """``tables`` of planes ``begin`` to ``end`` without the blur, averaged over a step where a pixel's square is
-    smaller than that, and the ``steps`` (nz, 2) between their places, cells."""
+    """``sharp_tables`` of planes ``begin`` to ``end``."""
+    points = tables.shape[1]
+    middle = F(0.5) * F(points - 1)
     for k in range(begin, end):
-        plane = plane_of(planes, k)
-        wide, high = reach_of(cam, plane, np.int64(EXACT))
-        step_x, step_y = F(2) * wide / F(POINTS - 1), F(2) * high / F(POINTS - 1)
+        plane, step_x, step_y = plane_of(planes, k), steps[k, 0], steps[k, 1]
         half_x, half_y = max(plane.half, F(0.5) * step_x), max(plane.half, F(0.5) * step_y)
-        steps[k, 0], steps[k, 1] = step_x, step_y
-        for j in range(POINTS):
-            for i in range(POINTS):
-                area = area_of(cam, F(i) * step_x - wide, F(j) * step_y - high, half_x, half_y)
+        for j in range(points):
+            for i in range(points):
+                area = area_of(cam, (F(i) - middle) * step_x, (F(j) - middle) * step_y, half_x, half_y)
                 tables[k, j, i] = area * F(0.25) / (half_x * half_y)
 
 

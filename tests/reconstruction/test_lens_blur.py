@@ -1,0 +1,100 @@
+"""The main lens' blur from particles: found within 20 %, and none where there is none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from oracles.cameras import small_camera
+
+from plenopiv.lightfield import LightField, decode, layout
+from plenopiv.projection.plenoptic.projector import PlenopticProjector
+from plenopiv.reconstruction.lens_blur import FARTHEST, Lag, LensBlur, lags_of, lens_blur
+from plenopiv.simulation.images import particle_image
+from plenopiv.simulation.particles import seed_box
+from plenopiv.simulation.sensor_noise import SensorNoise, digitise
+from plenopiv.volume import VoxelGrid
+
+VOLUME_MM = ((-1.7, 1.7), (-1.3, 1.3), (-2.5, 2.5))
+
+
+def camera_of(kind):
+    return small_camera(kind, microlenses=(57, 46), rotation_rad=0.002, offset_mm=(0.02, -0.01))
+
+
+def frame_and_projector(blur_mm, kind="hexagonal", lit_mm=VOLUME_MM, seed=0):
+    """A frame of particles in ``lit_mm`` through a camera of a blur, and a projector that takes it as sharp."""
+    camera, rng = camera_of(kind), np.random.default_rng(seed)
+    light = {"electrons": None, "electrons_per_pixel": 400.0, "electrons_spread": 0.25}
+    particles = seed_box(camera, lit_mm, 1.0, rng, **light)
+    image = particle_image(replace(camera, blur_mm=blur_mm), particles, rays=1000, seed=seed)
+    frame = digitise(image + 4.0, camera.sensor, SensorNoise(), rng)
+    where, grid = layout(camera), VoxelGrid.covering(*VOLUME_MM, (0.017, 0.017, 0.077))
+    return decode(frame, where), PlenopticProjector(where, grid, "1-ray")
+
+
+@pytest.mark.parametrize(
+    ("blur_mm", "kind"),
+    [
+        (0.02, "hexagonal"),
+        (0.04, "square"),
+        pytest.param(0.04, "hexagonal", marks=pytest.mark.full),
+        pytest.param(0.02, "square", marks=pytest.mark.full),
+    ],
+)
+def test_blur_is_found(blur_mm, kind):
+    found = lens_blur(*frame_and_projector(blur_mm, kind))
+    assert found.beyond_doubt(0.077) == found.blur_mm == pytest.approx(blur_mm, rel=0.2)
+    assert 0.0 < found.std_mm < 0.005
+    assert found.left < 0.3
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"), [("hexagonal", 1), pytest.param("hexagonal", 0, marks=pytest.mark.full), ("square", 0)]
+)
+def test_no_blur_is_found_where_there_is_none(kind, seed):
+    found = lens_blur(*frame_and_projector(0.0, kind, seed=seed))
+    assert found.beyond_doubt(0.077) == 0.0
+    assert found.blur_mm < 0.01
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("lit_z_mm", [(-0.5, 0.5), (1.0, 2.5)])
+def test_how_particles_are_spread_over_depth_need_not_be_known(lit_z_mm):
+    found = lens_blur(*frame_and_projector(0.03, lit_mm=(*VOLUME_MM[:2], lit_z_mm)))
+    assert found.blur_mm == pytest.approx(0.03, rel=0.2)
+
+
+def test_what_the_camera_states_makes_no_difference():
+    field, projector = frame_and_projector(0.03)
+    stated = layout(replace(field.layout.camera, blur_mm=0.05))
+    other = PlenopticProjector(stated, projector.grid, "1-ray")
+    assert lens_blur(LightField(stated, field.values), other) == lens_blur(field, projector)
+
+
+def test_a_small_volume_tells_nothing():
+    field, projector = frame_and_projector(0.03)
+    grid = VoxelGrid.covering((-0.2, 0.2), (-0.2, 0.2), (-2.5, 2.5), projector.grid.voxel_mm)
+    assert lens_blur(field, PlenopticProjector(field.layout, grid, "1-ray")) is None
+
+
+def test_doubt():
+    assert LensBlur(0.02, 0.001, 0.1).beyond_doubt(0.077) == 0.02
+    assert LensBlur(0.02, 0.007, 0.1).beyond_doubt(0.077) == 0.0
+    assert LensBlur(0.009, 0.001, 0.1).beyond_doubt(0.077) == 0.0
+
+
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+def test_lags_lead_from_microlens_to_microlens(kind):
+    """Each lag from a row of each kind to the microlens that is as far away as it says."""
+    camera = camera_of(kind)
+    lattice = replace(camera, lattice=replace(camera.lattice, rotation_rad=0.0)).lattice
+    lags = lags_of(camera)
+    assert len(set(lags)) == len(lags)
+    assert Lag(0, 0) in lags
+    for lag in lags:
+        for j in (0, 1):
+            to = lag.columns(j if kind == "hexagonal" else 0), j + lag.across
+            (s0, t0), (s1, t1) = lattice.centres(0, j), lattice.centres(*to)
+            away = np.array([s1 - s0, t1 - t0]) / lattice.pitch_mm
+            np.testing.assert_allclose(away, (lag.along, lag.across * lattice.row_spacing), atol=1e-9)
+            assert np.hypot(*away) <= FARTHEST
