@@ -9,6 +9,7 @@ from oracles.cameras import small_camera
 from plenopiv.lightfield import LightField, decode, layout
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.lens_blur import FARTHEST, Lag, LensBlur, lags_of, lens_blur
+from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import seed_box
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
@@ -77,10 +78,17 @@ def test_a_small_volume_tells_nothing():
     assert lens_blur(field, PlenopticProjector(field.layout, grid, "1-ray")) is None
 
 
+@pytest.mark.parametrize(("blur_pitches", "iterations"), [(0.0, 5), (0.13, 10), (0.26, 15), (0.52, 25)])
+def test_a_blur_takes_more_iterations(blur_pitches, iterations):
+    assert ReconstructionSettings().through(blur_pitches).iterations == iterations
+
+
 def test_doubt():
     assert LensBlur(0.02, 0.001, 0.1).beyond_doubt(0.077) == 0.02
     assert LensBlur(0.02, 0.007, 0.1).beyond_doubt(0.077) == 0.0
     assert LensBlur(0.009, 0.001, 0.1).beyond_doubt(0.077) == 0.0
+    assert LensBlur(0.016, 0.001, 0.4).beyond_doubt(0.077) == 0.0
+    assert LensBlur(0.016, 0.001, 0.2).beyond_doubt(0.077) == 0.016
 
 
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])

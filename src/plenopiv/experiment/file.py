@@ -169,6 +169,11 @@ class Experiment(Table):
             blur_mm=0.0 if lens.blur_mm == "auto" else lens.blur_mm,
         )
 
+    @property
+    def blur_measured(self) -> bool:
+        """Whether the main lens' blur is that which the particles show."""
+        return self.camera_table.main_lens.blur_mm == "auto"
+
     def grid(self) -> VoxelGrid:
         """The voxels of [volume]."""
         volume = self.volume

@@ -40,6 +40,7 @@ PARTS = 4  # of the field, whose scatter gives the error
 PAIRS = 60  # of views, for each baseline, at most
 PHASES = 8  # pairs of microlenses, for each lag, whose phases the model takes
 LEAST, SURE = 0.13, 3.0  # pitches and error bars below which a blur is none: of sharp lenses up to 0.11 is found
+USUAL = 0.2  # left of the correlations of a thousand microlenses and more, at most
 FEWEST = 200  # microlenses whose rays stay in the volume
 
 Array = NDArray[np.float64]
@@ -54,9 +55,13 @@ class LensBlur:
     std_mm: float
     left: float
 
+    def least_mm(self, pitch_mm: float) -> float:
+        """The smallest blur that could be told from none: it grows where few microlenses leave more unexplained."""
+        return max(LEAST * pitch_mm * max(1.0, self.left / USUAL), SURE * self.std_mm)
+
     def beyond_doubt(self, pitch_mm: float) -> float:
         """The blur, mm; 0 where it may be none."""
-        return self.blur_mm if self.blur_mm > max(LEAST * pitch_mm, SURE * self.std_mm) else 0.0
+        return self.blur_mm if self.blur_mm > self.least_mm(pitch_mm) else 0.0
 
 
 class Lag(NamedTuple):

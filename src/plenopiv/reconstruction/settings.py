@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 Method = Literal["drt-mart", "mart", "mlos-mart"]
 LightFieldMethod = Literal["drt-mart", "mart"]
 Weights = Literal["1-ray", "9-rays", "exact"]
 CandidateRule = Literal["bound", "product"]
+MORE_OF_BLUR = 8.0  # times as many iterations, for a blur of a pitch
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,11 @@ class ReconstructionSettings:
     threshold: float | None = None
     focus_reach: float = 1.5
     seed: int = 0
+
+    def through(self, blur_pitches: float) -> ReconstructionSettings:
+        """The same through a main lens whose blur has this standard deviation in pitches: light that is spread over
+        microlenses is gathered again the slower, so that iterations are 1 + 8 ``blur_pitches`` times as many."""
+        return replace(self, iterations=self.iterations * (1 + round(MORE_OF_BLUR * blur_pitches)))
 
 
 TOMOGRAPHY = ReconstructionSettings(method="mlos-mart", relaxation=1.0)  # of pinhole cameras (Tomo-PIV)

@@ -91,7 +91,7 @@ def calibrated_chain(
     if recording.background_of_frames:
         recording, found["static_light"] = with_static_light(recording, camera, progress)
     chain = chain_of(experiment, camera, recording.unusable, solid, space)
-    if experiment.camera_table.main_lens.blur_mm == "auto":
+    if experiment.blur_measured:
         camera, of_lens = with_blur(chain, recording)
         found |= of_lens
         chain = chain_of(experiment, camera, recording.unusable, solid, space)
@@ -107,8 +107,10 @@ def chain_of(
     space: SpaceMap | None = None,
 ) -> Chain:
     """The chain of an experiment and its calibrated ``camera``, of unknown noise. ``unusable``: pixels (rows, columns)
-    that are no equations; ``solid``: what a body fills; ``space``: between the laboratory and lens space."""
+    that are no equations; ``solid``: what a body fills; ``space``: between the laboratory and lens space. A blur of the
+    camera takes more iterations (``ReconstructionSettings.through``)."""
     reconstruction, correlation = experiment.reconstruction.settings(), experiment.correlation.settings()
+    reconstruction = reconstruction.through(camera.blur_mm / camera.lattice.pitch_mm)
     masks = () if unusable is None else (unusable,)
     return Chain((camera,), experiment.grid(), reconstruction, correlation, unusable=masks, solid=solid, space=space)
 

@@ -218,7 +218,7 @@ class KeptVolumes:
         """
         solid = solid_of(experiment)
         camera, _ = calibrated_camera(experiment, recording)
-        if experiment.camera_table.main_lens.blur_mm == "auto":
+        if experiment.blur_measured:
             camera = replace(camera, blur_mm=self.summary["calibration"]["blur_mm"])
         stated, unusable = self.inputs["calibration"], recording.unusable
         if recording.background_of_frames:

@@ -81,6 +81,13 @@ def track(experiment: Experiment, progress: Progress | None = None, overwrite: b
             PlenoPIVWarning,
             stacklevel=2,
         )
+    if chain.camera.blur_mm > 0:
+        warnings.warn(
+            f"tracking: the main lens blurs by {1e3 * chain.camera.blur_mm:.0f} um; particles are fitted as if it were "
+            "sharp",
+            PlenoPIVWarning,
+            stacklevel=2,
+        )
     table = experiment.tracking or TrackingTable()
     of_points = PointLights(chain.camera, diffraction_px(chain.camera, table.wavelength_nm))
     frames, links = dict[int, FrameParticles](), list[tuple[int, int, Links]]()
