@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from plenopiv.calibration import LatticeFit
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.checks import at_rest, filtered, fit, light, motion, repeats, reversal, stamps, static, white
+from plenopiv.checks import at_rest, filtered, fit, lens_blur, light, motion, repeats, reversal, stamps, static, white
 from plenopiv.checks.findings import Finding
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.lightfield import LightField, decode, layout
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
+from plenopiv.reconstruction.lens_blur import lens_blur as measured_blur
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
 from plenopiv.sensor import middle, middle_of
@@ -67,12 +68,14 @@ def check(
     *,
     with_motion: bool = True,
     stated: bool = True,
+    blur_measured: bool = False,
 ) -> CheckResult:
     """Check a recording: files, white image, frames against it, light, seeding, displacement.
 
     ``camera`` as it is stated, ``grid`` and ``correlation`` as a run would take them. ``progress(stage, done, total)``.
     ``with_motion``: the displacement too, which takes longest and which a run measures itself. ``stated``: the stated
-    aperture is used, not that of a calibration with a target.
+    aperture is used, not that of a calibration with a target. ``blur_measured``: the main lens' blur is not stated, a
+    run measures it.
 
     Raises:
         PlenoPIVError: the white image cannot be read, or no pair of frames.
@@ -108,7 +111,8 @@ def check(
         seen = replace(seen, fit=fits[0])
         if any(finding.severity == "unusable" for finding in findings if finding.name in ("flipped", "other-camera")):
             return replace(seen, findings=tuple(findings))
-    others, lit, moved = _light_and_motion(recording, seen, frames[:2], names, grid, correlation, report, with_motion)
+    how = report, with_motion, blur_measured
+    others, lit, moved = _light_and_motion(recording, seen, frames[:2], names, grid, correlation, *how)
     if not any(finding.name == "underexposed" and finding.severity == "unusable" for finding in others):
         findings = _with_reversal(findings, recording, seen.camera, grid)
     return replace(seen, findings=tuple(findings + others), light=lit, motion=moved)
@@ -239,6 +243,7 @@ def _light_and_motion(
     correlation: CorrelationSettings,
     report: Progress,
     with_motion: bool,
+    blur_measured: bool,
 ) -> tuple[list[Finding], light.Light, motion.Motion | None]:
     """Exposure, background, seeding and displacement, in the sensor's middle; ``frames``: those of the first pair."""
     report("light", 0, 2)
@@ -255,8 +260,12 @@ def _light_and_motion(
     if taken is not None:
         clean = [taken.removed(frame, pulse)[0] for pulse, frame in enumerate(frames)]
     fields: list[LightField] = [decode(middle_of(frame, part), where) for frame in clean]
-    lights = [light.light_of(field, projector, gain) for field in fields]
     out: list[Finding] = []
+    if (blur := measured_blur(fields[0], projector)) is not None:
+        of_lens = lens_blur.finding(blur, camera.blur_mm, camera.lattice.pitch_mm, names[0], blur_measured)
+        blurred = replace(where, camera=replace(camera, blur_mm=blur.beyond_doubt(camera.lattice.pitch_mm)))
+        projector = PlenopticProjector(blurred, grid, "1-ray")  # so that a wider image is no crowd of particles
+    lights = [light.light_of(field, projector, gain) for field in fields]
     if unusable is not None:
         level = np.uint16(recording.sensor.black_level)
         frames = [np.where(unusable, level, frame) for frame in frames]
@@ -268,6 +277,8 @@ def _light_and_motion(
         each = [[found for found in one if found.name != "background"] for one in each]
     for of_frames in zip(*each, strict=True):
         out += _worst(list(of_frames))
+    if blur is not None and lights[0].signal_to_noise >= light.FAINTEST:
+        out.append(of_lens)
     raw = (middle_of(frame, part) for frame in frames)
     often = [
         filtered.finding(filtered.equal_neighbours(image, part), name) for image, name in zip(raw, names, strict=False)

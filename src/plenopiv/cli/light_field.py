@@ -79,8 +79,8 @@ def check(file: Path, every: bool = False) -> Outcome:
 
     with Progress() as progress:
         grid = space.grid_of(experiment, space.space_of(experiment, recording))
-        settings, stated = experiment.correlation.settings(), experiment.calibration is None
-        found = check(recording, experiment.camera(), grid, settings, progress, stated=stated)
+        known = {"stated": experiment.calibration is None, "blur_measured": experiment.blur_measured}
+        found = check(recording, experiment.camera(), grid, experiment.correlation.settings(), progress, **known)
         if every:
             pairs = PairCheck(recording.sensor, found.white, found.camera.image_pitch_px, recording.unusable)
             found = replace(found, findings=(*found.findings, *every_pair(recording, pairs, progress)))

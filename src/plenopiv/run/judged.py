@@ -131,7 +131,13 @@ def judged(
         PlenoPIVError: it is unusable and the run is not forced, or no image can be read.
     """
     settings = (experiment.camera(), grid_of(experiment, space), experiment.correlation.settings())
-    look = partial(check, progress=partial(_stage, progress), with_motion=False, stated=experiment.calibration is None)
+    look = partial(
+        check,
+        progress=partial(_stage, progress),
+        with_motion=False,
+        stated=experiment.calibration is None,
+        blur_measured=experiment.blur_measured,
+    )
     found = look(recording, *settings)
     bad = _unusable(found)
     if len(recording.pairs) > 1 and {finding.name for finding in bad} & OF_FRAMES:
