@@ -174,7 +174,7 @@ def test_a_sub_volume_is_drawn_alone(five, truth):
 
 
 @pytest.mark.parametrize("name", ["volume", "views", "refocus"])
-def test_images_change_with_white_level_gamma_and_zoom(go, reports, name):
+def test_images_change_with_black_white_gamma_and_zoom(go, reports, name):
     made = go(reports("rotation"))
     canvas, seen = f"#{name} canvas", []
 
@@ -183,6 +183,8 @@ def test_images_change_with_white_level_gamma_and_zoom(go, reports, name):
 
     look()
     made.slide(f"#{name} [data-control=white]", 40)
+    look()
+    made.slide(f"#{name} [data-control=black]", 10)
     look()
     made.slide(f"#{name} [data-control=gamma]", 220)
     look()
@@ -202,10 +204,13 @@ def test_images_change_with_white_level_gamma_and_zoom(go, reports, name):
     moved = [float(edge) for edge in made.page.get_attribute(f"#{name}", "data-part").split(",")]
     assert moved[0] < part[0]  # dragged to the right: what was left of it comes in
     assert moved[3] > part[3]
-    assert len(set(seen)) == 5
+    assert len(set(seen)) == 6
     made.page.click(f"#{name} [data-control=whole]")
     assert [float(edge) for edge in made.page.get_attribute(f"#{name}", "data-part").split(",")] == whole
     assert made.page.inner_text(f"#{name} [data-said=gamma]") == "2.20"
+    made.slide(f"#{name} [data-control=black]", 95)  # above white
+    drawn = made.colours(canvas)[0]
+    assert drawn > 2
     assert made.complaints == []
 
 

@@ -68,7 +68,8 @@ def stack(pictures: Stack, words: str) -> str:
         '<label class="wide-label"><output data-said="place"></output>'
         f'<input type="range" data-control="place" min="0" max="{len(pictures.pictures) - 1}" '
         f'value="{pictures.start}" aria-label="{plain(words)}"></label>'
-        f"{_tone('white', 2, 100, 100, 'counts that are white')}{_tone('gamma', 20, 300, 100, 'gamma')}"
+        f"{_tone('black', 0, 95, 0, 'counts that are black')}{_tone('white', 2, 100, 100, 'counts that are white')}"
+        f"{_tone('gamma', 20, 300, 100, 'gamma')}"
         '<button type="button" data-control="nearer" aria-label="enlarge">+</button>'
         '<button type="button" data-control="farther" aria-label="make smaller">−</button>'
         '<button type="button" data-control="whole">whole picture</button>'

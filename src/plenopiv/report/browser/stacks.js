@@ -14,7 +14,13 @@ function startStack(root, stack) {
   const { x, y, limits } = stack, whole = [x[0], x[1], y[0], y[1]];
   let part = [...whole], box, shades, from = null;
 
-  // The picture as a canvas, its grey values changed by white level and gamma; its own values are kept for the pointer.
+  // What is black and white, as shares of the grey scale, and gamma.
+  function tone() {
+    const [black, white, gamma] = ["black", "white", "gamma"].map((name) => control(name).value / 100);
+    return { black: Math.min(black, white - 0.01), white, gamma };
+  }
+
+  // The picture as a canvas, its grey values changed by these; its own values are kept for the pointer.
   function toned(picture) {
     const copy = document.createElement("canvas");
     [copy.width, copy.height] = [picture.naturalWidth, picture.naturalHeight];
@@ -22,8 +28,9 @@ function startStack(root, stack) {
     context.drawImage(picture, 0, 0);
     const image = context.getImageData(0, 0, copy.width, copy.height);
     shades = { width: copy.width, height: copy.height, values: image.data.filter((_, k) => k % 4 === 0) };
-    const white = control("white").value / 100, gamma = control("gamma").value / 100;
-    const table = Array.from({ length: 256 }, (_, n) => Math.round(255 * Math.min(1, n / 255 / white) ** (1 / gamma)));
+    const { black, white, gamma } = tone();
+    const share = (n) => Math.min(Math.max((n / 255 - black) / (white - black), 0), 1);
+    const table = Array.from({ length: 256 }, (_, n) => Math.round(255 * share(n) ** (1 / gamma)));
     for (let k = 0; k < image.data.length; k += 4)
       for (let c = 0; c < 3; c++) image.data[k + c] = table[image.data[k + c]];
     context.putImageData(image, 0, 0);
@@ -31,9 +38,10 @@ function startStack(root, stack) {
   }
 
   function draw() {
-    const n = Number(slider.value), white = control("white").value / 100, gamma = control("gamma").value / 100;
+    const n = Number(slider.value), { black, white, gamma } = tone();
+    const counts = [black, white].map((part) => limits[1] * part);
     sayIn(root, "place", stack.captions[n]);
-    sayIn(root, "white", shown(Number((limits[1] * white).toPrecision(3))));
+    ["black", "white"].forEach((name, k) => sayIn(root, name, shown(Number(counts[k].toPrecision(3)))));
     sayIn(root, "gamma", gamma.toFixed(2));
     box = fitted(canvas.parentElement.clientWidth, x[1] - x[0], y[1] - y[0], 460);
     const { context } = sharp(canvas, box.total);
@@ -45,7 +53,7 @@ function startStack(root, stack) {
     }
     frame(context, box, part.slice(0, 2), part.slice(2), stack.labels);
     const grey = Array.from({ length: 33 }, (_, k) => Array(3).fill(255 * (k / 32) ** (1 / gamma)));
-    colourBar(context, box, grey, [limits[0], limits[1] * white], stack.unit);
+    colourBar(context, box, grey, counts, stack.unit);
     root.dataset.part = part.join();
   }
 
@@ -101,7 +109,7 @@ function startStack(root, stack) {
   });
   for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => (from = null));
   pointing(canvas, root, find, () => {});
-  for (const name of ["place", "white", "gamma"]) control(name).addEventListener("input", draw);
+  for (const name of ["place", "black", "white", "gamma"]) control(name).addEventListener("input", draw);
   control("nearer").addEventListener("click", () => enlarge(1.6));
   control("farther").addEventListener("click", () => enlarge(1 / 1.6));
   control("whole").addEventListener("click", () => {
