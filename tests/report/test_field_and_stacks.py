@@ -31,7 +31,11 @@ def test_values_run_along_x_first():
     np.testing.assert_allclose(w[: X.size], -80e-3 * X, atol=5e-6)
     u = numbers(data["moments"][0]["values"]["u"])
     np.testing.assert_allclose(u[:: X.size * Y.size], 80e-3 * Z, atol=5e-6)
-    assert data["quantities"]["w"]["limits"] == {"map": "diverging", "low": -0.24, "high": pytest.approx(0.24)}
+    assert data["quantities"]["w"]["limits"] == {
+        "map": "diverging",
+        "low": pytest.approx(-0.24),
+        "high": pytest.approx(0.24),
+    }
 
 
 def test_criteria_are_in_si_units_and_have_levels_where_something_turns():
