@@ -25,7 +25,7 @@ from plenopiv.chain import Chain
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.experiment.tracking_table import TrackingTable
 from plenopiv.lattice import Lattice
-from plenopiv.run.track import linked
+from plenopiv.run.track_pair import linked
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.images import particle_image

@@ -1,18 +1,20 @@
 """plenopiv track on a small simulated recording of a uniform flow."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
+import tifffile
 import tomli_w
 import xarray
 from particle_scenes import nearest
 
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.cli import main
-from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.lattice import Lattice
+from plenopiv.run.space import space_of
 from plenopiv.run.track import track
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
@@ -87,17 +89,88 @@ def test_names_and_units_of_the_file(recording):
     assert np.isfinite(alone.x).all()
 
 
-def test_tracks_are_not_replaced_unasked(recording, capsys):
-    folder, _ = recording
-    assert main(["track", str(folder / "experiment.toml")]) == 2
-    assert "tracks.nc: is already there; use --overwrite" in capsys.readouterr().err
+def changed(folder, name, output, **tables):
+    """An experiment file in the recording's folder with other keys."""
+    content = Experiment.load(folder / "experiment.toml").model_dump(by_alias=True, exclude_none=True)
+    content["output"]["directory"] = str(output)
+    for table, keys in tables.items():
+        content[table] = content.get(table, {}) | keys
+    (folder / name).write_text(tomli_w.dumps(json.loads(json.dumps(content))))
+    return folder / name
 
 
-def test_other_frames_of_reference_are_refused(recording, tmp_path):
+def test_the_field_of_the_tracks(recording):
+    folder, tracks = recording
+    field = xarray.load_dataset(folder / "results" / "tracking" / "velocity.nc")
+    assert "peak_ratio" not in field
+    assert field.u.dims == ("time", "z", "y", "x")
+    assert field.u_raw.equals(field.u)
+    assert field.valid.mean() > 0.9
+    for name, true in zip("uvw", VELOCITY_M_S, strict=True):
+        off = (field[name] - true).values[field.valid.values == 1]
+        assert np.median(np.abs(off)) < 0.5 * np.nanmedian(tracks[f"{name}_std"])
+        assert (np.abs(off) < 3 * field[f"{name}_std"].values[field.valid.values == 1]).mean() > 0.8
+
+
+def test_what_is_there_is_kept_and_made_again_where_it_is_damaged(recording, capsys):
+    folder, tracks = recording
+    path = folder / "results" / "tracks.nc"
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-100])
+    assert main(["track", str(folder / "experiment.toml")]) == 0
+    assert "complete, and nothing has changed" in capsys.readouterr().err
+    assert xarray.load_dataset(path).equals(tracks)
+
+
+def test_tracks_of_other_keys_are_not_replaced_unasked(recording, capsys):
     folder, _ = recording
-    tables = Experiment.load(folder / "experiment.toml").model_dump(by_alias=True, exclude_none=True)
-    tables["medium"] = {"refractive_index": 1.33, "fluid_mm": 30.0}
-    tables["output"]["directory"] = str(tmp_path / "other")
-    (folder / "water.toml").write_text(tomli_w.dumps(json.loads(json.dumps(tables))))
-    with pytest.raises(PlenoPIVError, match=r"cannot yet take \[calibration\] or \[medium\]"):
-        track(Experiment.load(folder / "water.toml"))
+    other = changed(folder, "other.toml", folder / "results", tracking={"grid_mm": 0.3})
+    assert main(["track", str(other)]) == 2
+    assert "holds a run of other inputs (tracking.grid_mm: was null, is 0.3)" in capsys.readouterr().err
+
+
+def test_a_series_with_a_frame_without_particles(recording, tmp_path, capsys):
+    """Frames a, b, a and a dark one: b is in two pairs, the last pair is set aside."""
+    folder, tracks = recording
+    tifffile.imwrite(folder / "dark.tif", np.full((320, 320), 60, np.uint16))
+    series = changed(
+        folder,
+        "series.toml",
+        tmp_path / "out",
+        recording={"frames": ["a.tif", "b.tif", "again.tif", "dark.tif"]},
+    )
+    shutil.copy(folder / "a.tif", folder / "again.tif")
+    assert main(["track", str(series)]) == 3
+    assert "1 of 3 pairs set aside" in capsys.readouterr().out
+    made = xarray.load_dataset(tmp_path / "out" / "tracks.nc")
+    assert np.unique(made.frame).tolist() == [0, 1, 2]
+    ids, frame = made.track_id.values, made.frame.values
+    same = tracks.track_id.values[tracks.frame.values == 0] >= 0
+    assert (ids[frame == 0] >= 0).tolist() == same.tolist()
+    seen = np.unique(ids[ids >= 0], return_counts=True)[1]
+    assert (seen == 3).mean() > 0.9
+    assert np.nanmedian(made.u.values[frame == 1]) == pytest.approx(-VELOCITY_M_S[0], abs=2e-3)  # to the next frame
+    field = xarray.load_dataset(tmp_path / "out" / "tracking" / "velocity.nc")
+    assert field.w.mean(("z", "y", "x")).values == pytest.approx([0.17, -0.17, np.nan], abs=4e-3, nan_ok=True)
+
+
+def test_particles_behind_water(recording, tmp_path):
+    """The same images as if there were water: depths are 1.33 times as large, and so are their error bars."""
+    folder, tracks = recording
+    volume = Experiment.load(folder / "experiment.toml").volume
+    deep = {"z_mm": [1.33 * z for z in volume.z_mm], "voxel_mm": [*volume.voxel_mm[:2], 1.33 * volume.voxel_mm[2]]}
+    water = {"refractive_index": 1.33, "fluid_mm": 30.0}
+    path = changed(folder, "water.toml", tmp_path / "out", volume=deep, medium=water)
+    experiment = Experiment.load(path)
+    track(experiment)
+    made = xarray.load_dataset(tmp_path / "out" / "tracks.nc")
+    assert xarray.load_dataset(tmp_path / "out" / "tracking" / "velocity.nc").attrs["frame"] == "laboratory"
+    first, air = made.isel(obs=made.frame == 0), tracks.isel(obs=tracks.frame == 0)
+    space = space_of(experiment, experiment.recording())
+    seen = space.to_lens(np.stack([first[name].values for name in "xyz"], -1))
+    beyond = np.stack([air[name].values for name in "xyz"], -1)
+    beyond, std = beyond[np.abs(beyond[:, 2]) > 0.6], air.z_std.values[np.abs(beyond[:, 2]) > 0.6]
+    partner = nearest(beyond, seen)
+    assert (partner >= 0).mean() > 0.95
+    ratio = first.z_std.values[partner[partner >= 0]] / std[partner >= 0]
+    assert np.median(ratio) == pytest.approx(1.33, abs=0.03)

@@ -8,12 +8,16 @@ from plenopiv.cli.commands_of_results import app
 
 @app.command()
 def track(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
-    """Track particles: positions from raw pixels with an error bar each, and links between the frames of a pair.
+    """Track particles: positions from raw pixels with an error bar each, links between the frames of a pair, a field.
 
     Frames are reconstructed and correlated as by plenopiv run. Particles begin at the peaks of the volume and are
     fitted to the raw pixels, all that share pixels together; others are looked for in the light that is left. Links
     follow the correlation's displacement. Writes tracks.nc into the output folder: x, y, z in mm, u, v, w in m/s,
-    standard deviations, covariance, light, frame and track_id of each particle (obs).
+    standard deviations, covariance, light, frame and track_id of each particle (obs); and tracking/velocity.nc, splines
+    through the links, free of divergence.
+
+    Finished pairs are kept, whatever ends it: the same command goes on from there. A pair that cannot be tracked is set
+    aside, and the exit code is 3.
 
     \b
     Example:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from plenopiv.cli.progress import Progress
+from plenopiv.cli.run import LISTED, SET_ASIDE
 from plenopiv.cli.terminal import Outcome
+from plenopiv.errors import printable
 from plenopiv.experiment import Experiment
 
 
@@ -13,21 +15,31 @@ def track(file: Path, overwrite: bool) -> Outcome:
     """Track the particles of an experiment, and say where they are.
 
     Raises:
-        PlenoPIVError: the experiment file or its images are wrong, or there are tracks already.
+        PlenoPIVError: the experiment file or its images are wrong, or there are tracks of other inputs.
     """
     experiment = Experiment.load(file)
     from plenopiv.run.track import track as track_all  # here: a mistake in the file is told before the kernels load
 
     with Progress() as progress:
         result = track_all(experiment, progress, overwrite)
-    counts = list(result.particles.values())
-    std = ", ".join(f"{1e3 * each:.2g}" for each in result.median_std_mm)
-    links = sum(result.linked)
-    text = "\n".join(
-        [
-            f"{sum(counts)} particles in {len(counts)} frames, {links} links in {len(result.linked)} "
-            f"pair{'s'[: len(result.linked) != 1]}; median standard deviation ({std}) um along (x, y, z)",
-            f"{result.path}",
-        ]
-    )
-    return Outcome(text, {"tracks": str(result.path), "particles": counts, "linked": result.linked})
+    summary = result.summary
+    counts, pairs, aside = list(summary["particles"].values()), summary["pairs"], summary["set_aside"]
+    std = ", ".join(f"{1e3 * each:.2g}" for each in summary["median_std_mm"])
+    lines = []
+    if aside:
+        lines.append(f"{len(aside)} of {pairs} pairs set aside:")
+        lines += [f"  {' and '.join(map(printable, one['frames']))}: {one['reason']}" for one in aside[:LISTED]]
+    lines += [
+        f"{sum(counts)} particles in {len(counts)} frames, {sum(summary['linked'])} links in {pairs} "
+        f"pair{'s'[: pairs != 1]}; median standard deviation ({std}) um along (x, y, z)",
+        f"{result.path}",
+        f"{result.velocity}",
+    ]
+    facts = {
+        "tracks": str(result.path),
+        "velocity": str(result.velocity),
+        "particles": counts,
+        "linked": summary["linked"],
+        "set_aside": aside,
+    }
+    return Outcome("\n".join(lines), facts, SET_ASIDE if aside else 0)

@@ -135,7 +135,7 @@ def run(
         planned, share = (plan(chain, memory_gb), None) if pool is None else shared_plan(chain, memory_gb, pool.workers)
         inputs = with_calibration(inputs, chain, recording) | {"tiles": planned.tiles}  # these give other bits
         folder.settle(inputs)
-        _keep_unchanged(folder, recording)
+        keep_unchanged(folder, recording)
         if folder.is_complete and len(folder.finished) == len(recording.pairs):
             return RunResult(summary_there(folder), folder.directory, (len(recording.pairs), len(recording.pairs)))
         left = [number for number in wanted if number not in folder.finished]
@@ -188,7 +188,7 @@ def _wanted(recording: Recording, pairs: tuple[int, int] | None) -> list[int]:
     return list(range(pairs[0], pairs[1] + 1))
 
 
-def _keep_unchanged(folder: SeriesFolder, recording: Recording) -> None:
+def keep_unchanged(folder: SeriesFolder, recording: Recording) -> None:
     """Forget pairs that were set aside and whose frames are others now; say what is kept and what is damaged.
 
     Raises:

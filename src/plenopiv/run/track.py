@@ -1,174 +1,218 @@
-"""``plenopiv track``: the particles of every frame of an experiment and the links of its pairs, as tracks.nc."""
+"""``plenopiv track``: particles of all frames, links and fields of all pairs, kept and put together as ``run`` does.
+
+In the folder ``tracking`` of the results: each pair's tracks and field, velocity.nc, summary.json, manifest.jsonl;
+beside it tracks.nc. What is finished is kept, whatever ends the run, and the next one of the same inputs goes on from
+there.
+"""
 
 from __future__ import annotations
 
+import json
+import logging
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 from plenopiv.chain import Chain
-from plenopiv.displacement.field import DisplacementField
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.experiment.tracking_table import TrackingTable
-from plenopiv.io.netcdf import COMPRESSED, write_dataset
+from plenopiv.io.manifest import hash_of, is_whole
+from plenopiv.io.netcdf import read_velocity
+from plenopiv.io.output import plain
+from plenopiv.io.series_file import pair_file, write_series
+from plenopiv.io.series_folder import SeriesFolder
+from plenopiv.io.tracks_file import read_tracks, write_tracks
 from plenopiv.recording import Recording
+from plenopiv.run import space as of_experiment
 from plenopiv.run.calibrated import calibrated_chain
+from plenopiv.run.frame import LostFrame, Progress
+from plenopiv.run.inputs import stated_inputs, with_calibration
+from plenopiv.run.judged import warnings_of
+from plenopiv.run.log import Clock, kept_warnings
+from plenopiv.run.pair import PairRecord
+from plenopiv.run.plan import plan
+from plenopiv.run.series import keep_unchanged
+from plenopiv.run.stored import times_of
+from plenopiv.run.target import target_calibration
+from plenopiv.run.track_frame import FrameTracker, TrackedFrame
+from plenopiv.run.track_pair import TrackJob, tracks_file
 from plenopiv.run.versions import versions
-from plenopiv.tracking.frame import FrameParticles, particles_of_frame
-from plenopiv.tracking.light import PointLights, diffraction_px
-from plenopiv.tracking.links import Links, link
-from plenopiv.tracking.peaks import peaks
-from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.tracks import tracks_dataset
-from plenopiv.volume import Limits, SparseVolume, VoxelGrid
+from plenopiv.tracking.tracks import joined
 
-FILE = "tracks.nc"
-AROUND = 4  # voxels beyond the volume in which particles are looked for too: they light the same pixels
-SCATTER_VOXELS = 0.7  # first guess of how far correlation is from a particle's displacement
-FARTHER = 3.0  # times the largest displacement of the correlation is the largest of a particle
+FILE, FOLDER = "tracks.nc", "tracking"
+OF_A_PAIR = ("links", "nodes_mm", "smoothing", "error_scale", "links_left_out")  # attributes of its field
+BYTES_AN_ENTRY = 90.0  # of a particle's light in a pixel, while all are fitted together
+SAMPLE = 100  # points whose pixels are counted for that
 
-Progress = Callable[[str, int, int], None]
-Array = NDArray[np.float64]
+log = logging.getLogger("plenopiv")
 
 
 @dataclass(frozen=True)
 class TrackResult:
-    """What was written: ``path``; ``particles`` of each frame by its number; of each pair how many are ``linked``;
-    ``median_std_mm`` of x, y, z."""
+    """What was written: ``path`` of tracks.nc and ``velocity`` of the field; ``summary``, as summary.json holds it."""
 
     path: Path
-    particles: dict[int, int]
-    linked: list[int]
-    median_std_mm: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class _Found:
-    """A frame's volume and particles."""
-
-    volume: SparseVolume
-    particles: FrameParticles
+    velocity: Path
+    summary: dict[str, Any]
 
 
 def track(experiment: Experiment, progress: Progress | None = None, overwrite: bool = False) -> TrackResult:
-    """Find the particles of all frames, link those of each pair, and write tracks.nc into the output folder.
+    """Find the particles of all frames, link those of each pair, make the fields of the links, and write tracks.nc and
+    the folder tracking into the output folder.
 
     Raises:
-        PlenoPIVError: an input cannot be used; x, y, z are not those of the camera ([calibration] and [medium] are not
-            tracked yet); tracks.nc is there and ``overwrite`` is not given.
+        PlenoPIVError: an input cannot be used; no pair can be tracked; there are tracks of other inputs, or of which
+            nothing says what they are made of, and ``overwrite`` is not given. What was finished before is kept.
     """
     report = progress or (lambda stage, done, total: None)
-    path = experiment.output_directory / FILE
-    if path.exists() and not overwrite:
-        raise PlenoPIVError(f"{path}: is already there; use --overwrite, or another output.directory")
-    if experiment.calibration is not None or experiment.medium is not None:
-        raise PlenoPIVError(
-            f"{experiment.path}: plenopiv track needs x, y, z of the camera itself; it cannot yet take [calibration] "
-            "or [medium]"
-        )
-    chain, recording, _ = calibrated_chain(experiment, experiment.recording(), progress=partial(report, "calibration"))
-    if chain.camera.rim is not None:
-        warnings.warn(
-            "tracking: the main lens' rim cuts micro-images off axis; particles there are fitted as if it did not",
-            PlenoPIVWarning,
-            stacklevel=2,
-        )
-    if chain.camera.blur_mm > 0:
-        warnings.warn(
-            f"tracking: the main lens blurs by {1e3 * chain.camera.blur_mm:.0f} um; particles are fitted as if it were "
-            "sharp",
-            PlenoPIVWarning,
-            stacklevel=2,
-        )
+    path, clock = experiment.output_directory / FILE, Clock()
     table = experiment.tracking or TrackingTable()
-    of_points = PointLights(chain.camera, diffraction_px(chain.camera, table.wavelength_nm))
-    frames, links = dict[int, FrameParticles](), list[tuple[int, int, Links]]()
-    for a, b, first, second in _pairs(chain, recording, of_points, report):
-        field = chain.displacement(first.volume, second.volume, report)
-        frames |= {a: first.particles, b: second.particles}
-        links.append((a, b, linked(first.particles, second.particles, field, chain.grid, table)))
-    dataset = tracks_dataset(sorted(frames.items()), links, recording.dt_s)
-    dataset.attrs |= {
+    if path.exists() and not overwrite and not (path.parent / FOLDER).exists():
+        raise PlenoPIVError(f"{path}: is already there; use --overwrite, or another output.directory")
+    with kept_warnings() as caught, SeriesFolder(path.parent / FOLDER, overwrite) as folder:
+        for line in experiment.warnings():
+            warnings.warn(line, PlenoPIVWarning, stacklevel=2)
+        recording = experiment.recording()
+        inputs = stated_inputs(experiment, recording, False) | {"tracking": table.model_dump(exclude_none=True)}
+        folder.begin(inputs)
+        with clock("calibration"):
+            target = target_calibration(experiment, recording, progress=report)
+            space = of_experiment.space_of(experiment, recording)
+            of_experiment.check_view(experiment, target.camera if target else experiment.camera(), space)
+            stage = partial(report, "static light of the frames")
+            chain, recording, _ = calibrated_chain(experiment, recording, None, stage, space, target)
+        if chain.camera.blur_mm > 0:
+            warnings.warn(
+                f"tracking: the main lens blurs by {1e3 * chain.camera.blur_mm:.0f} um; particles are fitted as if it "
+                "were sharp",
+                PlenoPIVWarning,
+                stacklevel=2,
+            )
+        inputs = with_calibration(inputs, chain, recording)
+        folder.settle(inputs)
+        keep_unchanged(folder, recording)
+        count = len(recording.pairs)
+        if folder.is_complete and len(folder.finished) == count:
+            log.info("%s: complete, and nothing has changed; nothing to do", folder.directory)
+            folder.discard()
+            summary = json.loads((folder.directory / "summary.json").read_text(encoding="utf-8"))
+            if not is_whole(path, summary["tracks_sha256"]):
+                _write_tracks(folder, recording, path)
+            return TrackResult(path, folder.directory / "velocity.nc", summary)
+        tracker = FrameTracker(chain, recording, table.wavelength_nm)
+        _tell_memory(tracker)
+        job = TrackJob(tracker, table, folder.work, f"plenopiv {versions()['plenopiv']}")
+        left = [number for number in range(count) if number not in folder.finished]
+        try:
+            for done, record in enumerate(_in_turn(job, left, clock, report), 1):
+                kept = folder.store(record.content(), record.files)
+                for line in dict.fromkeys(warnings_of(kept)):
+                    warnings.warn(line, PlenoPIVWarning, stacklevel=2)
+                if len(left) > 1:
+                    report("pairs", done, len(left))
+        except BaseException:
+            if folder.finished:
+                done = len(folder.finished)
+                log.info("%d of %d pairs are finished and kept; the same command goes on from there", done, count)
+            raise
+        said = [str(one.message) for one in caught]
+        summary = _put_together(folder, recording, chain, path, said, clock, inputs)
+    return TrackResult(path, path.parent / FOLDER / "velocity.nc", summary)
+
+
+def _in_turn(job: TrackJob, numbers: Sequence[int], clock: Clock, report: Progress) -> Iterator[PairRecord]:
+    """The records of the pairs ``numbers``, their files written; a frame that two pairs share is made once."""
+    pairs, held = job.tracker.recording.pairs, dict[int, TrackedFrame | LostFrame]()
+    for number in numbers:
+        held = {k: found for k, found in held.items() if k in pairs[number]}
+        for k in pairs[number]:
+            if k not in held:
+                with clock("particles"):
+                    held[k] = job.frame(k, report)
+        with clock("links and field"):
+            yield job.pair(number, held[pairs[number][0]], held[pairs[number][1]], report)
+
+
+def _put_together(
+    folder: SeriesFolder,
+    recording: Recording,
+    chain: Chain,
+    path: Path,
+    said: Sequence[str],
+    clock: Clock,
+    inputs: dict[str, Any],
+) -> dict[str, Any]:
+    """Make tracks.nc, velocity.nc and the summary of all pairs' files, and move them into place.
+
+    Raises:
+        PlenoPIVError: no pair could be tracked, or a file cannot be written.
+    """
+    records = [folder.finished[number] for number in range(len(recording.pairs))]
+    tracked = [record for record in records if record["set_aside"] is None]
+    if not tracked:
+        folder.discard()
+        raise PlenoPIVError(f"no pair can be tracked: {records[0]['set_aside']}")
+    files = ["summary.json"]
+    if len(records) > 1:
+        fields = {record["pair"]: folder.there(pair_file(record["pair"])) for record in tracked}
+        like = read_velocity(next(iter(fields.values())))
+        like.attrs = {key: value for key, value in like.attrs.items() if key not in OF_A_PAIR}
+        write_series(folder.path("velocity.nc"), like, times_of(recording), fields, {})
+        files.append("velocity.nc")
+    _write_tracks(folder, recording, path)
+    particles = {
+        entry["name"]: n for r in tracked for entry, n in zip(r["frames"], r["numbers"]["particles"], strict=True)
+    }
+    summary = {
+        "pairs": len(records),
+        "set_aside": [
+            {"pair": r["pair"], "frames": [entry["name"] for entry in r["frames"]], "reason": r["set_aside"]}
+            for r in records
+            if r["set_aside"] is not None
+        ],
+        "particles": particles,
+        "linked": [r["numbers"].get("linked", 0) for r in records],
+        "median_std_mm": np.median([r["numbers"]["median_std_mm"] for r in tracked], 0).tolist(),
+        "frame": chain.frame,
+        "warnings": list(dict.fromkeys(said)),
+        "versions": versions(),
+        "seconds": clock.seconds,
+        "peak_gb": clock.peak_gb,
+        "inputs_sha256": folder.depends,
+        "tracks_sha256": hash_of(path),
+    }
+    folder.write_text("summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
+    folder.publish(files, inputs)
+    return summary
+
+
+def _write_tracks(folder: SeriesFolder, recording: Recording, path: Path) -> None:
+    """Write tracks.nc from the pairs' files."""
+    tracked = [number for number, record in sorted(folder.finished.items()) if record["set_aside"] is None]
+    tracks = joined([read_tracks(folder.there(tracks_file(number))) for number in tracked])
+    numbers = np.unique(tracks["frame"].values).tolist()
+    tracks.attrs |= {
         "Conventions": "CF-1.11",
         "title": "Particles and their tracks",
-        "source": f"plenopiv {versions()['plenopiv']}",
-        "dt_s": recording.dt_s,
-        "frames": [recording.frames[k].name for k in sorted(frames)],
+        "frames": [f"{k}: {recording.frames[k].name}" for k in numbers],
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    numbers = [name for name, variable in dataset.data_vars.items() if variable.dtype.kind in "fi"]
-    write_dataset(path, dataset, {name: dict(COMPRESSED) for name in numbers})
-    std = tuple(float(np.median(dataset[f"{axis}_std"])) for axis in "xyz")
-    return TrackResult(path, {k: len(p.light) for k, p in sorted(frames.items())}, [len(e.a) for *_, e in links], std)
+    write_tracks(path, tracks)
 
 
-def linked(
-    first: FrameParticles, second: FrameParticles, field: DisplacementField, grid: VoxelGrid, table: TrackingTable
-) -> Links:
-    """The links of a pair, the correlation's ``field`` (voxels of ``grid``) saying where to look."""
-    most = table.max_displacement_mm
-    if most is None:
-        lengths = np.linalg.norm(field.displacement * np.reshape(grid.voxel_mm, (3, 1, 1, 1)), axis=0)
-        most = FARTHER * float(np.nanmax(lengths)) + grid.voxel_mm[2]
-    return link(first, second, predictor(field, grid), SCATTER_VOXELS * np.asarray(grid.voxel_mm), most)
-
-
-def predictor(field: DisplacementField, grid: VoxelGrid) -> Callable[[Array], Array]:
-    """Displacements (n, 3) in mm at points (n, 3) in mm of a field in voxels: linear between vectors, beyond them as at
-    the nearest one; 0 in a body."""
-    axes = [np.asarray(axis, np.float64) for axis in (field.z, field.y, field.x)]
-    values = np.nan_to_num(np.moveaxis(field.displacement, 0, -1)) * np.asarray(grid.voxel_mm)
-    for k, axis in enumerate(axes):
-        if len(axis) == 1:  # one layer of windows
-            axes[k], values = np.array([axis[0], axis[0] + 1.0]), np.repeat(values, 2, k)
-    between = RegularGridInterpolator(axes, values)
-    low, high = (np.array([end(axis) for axis in axes]) for end in (np.min, np.max))
-
-    def at(points_mm: Array) -> Array:
-        index = (points_mm - np.asarray(grid.first_mm)) / np.asarray(grid.voxel_mm)
-        return np.asarray(between(np.clip(index[:, ::-1], low, high)))
-
-    return at
-
-
-def _pairs(
-    chain: Chain, recording: Recording, of_points: PointLights, report: Progress
-) -> Iterator[tuple[int, int, _Found, _Found]]:
-    """Each pair's frames, numbers and particles; a frame that two pairs share is made once."""
-    held: dict[int, _Found] = {}
-    for pair in recording.pairs:
-        held = {k: found for k, found in held.items() if k in pair}
-        for k in pair:
-            if k not in held:
-                held[k] = _found(chain, recording, k, of_points, report)
-        yield pair[0], pair[1], held[pair[0]], held[pair[1]]
-
-
-def _found(chain: Chain, recording: Recording, number: int, of_points: PointLights, report: Progress) -> _Found:
-    """The volume and the particles of frame ``number``."""
-    name = recording.frames[number].name
-    image, static = recording.light(number)
-    behind = None if static is None else [static]
-    made = chain.reconstruct([image], name, partial(report, f"reconstruction of {name}"), behind)
-    sensor = chain.camera.sensor
-    unusable: Any = chain.unusable[0] if chain.unusable else None
-    pixels = Pixels.of_image(
-        image, sensor.black_level, sensor.full_scale, made.noise.dark, chain.counts_per_electron, unusable, static
+def _tell_memory(tracker: FrameTracker) -> None:
+    """Say what memory a run takes, and what the particles of a frame take besides."""
+    chain = tracker.chain
+    low, high = np.transpose(chain.lens_grid.limits_mm())
+    points = np.random.default_rng(0).uniform(low, high, (SAMPLE, 3))
+    entries = float(tracker.of_points(points).start[-1]) / SAMPLE
+    log.info(
+        "memory: about %.2g GB, and %.2g GB for 10,000 particles in a frame",
+        plan(chain).needed.peak / 1e9,
+        1e4 * entries * BYTES_AN_ENTRY / 1e9,
     )
-    position, light = peaks(made.volume)
-    limits = _around(chain.grid)
-    particles = particles_of_frame(of_points, pixels, position, light, limits, partial(report, f"particles of {name}"))
-    return _Found(made.volume, particles)
-
-
-def _around(grid: VoxelGrid) -> Limits:
-    x, y, z = ((lo - AROUND * d, hi + AROUND * d) for (lo, hi), d in zip(grid.limits_mm(), grid.voxel_mm, strict=True))
-    return x, y, z

@@ -29,7 +29,8 @@ from plenopiv.volume import Limits
 STIFFNESS = 1e4  # of div u against the smoothing's largest eigenvalue
 REPEATS = 24  # fits to data with errors, for error bars
 SMOOTHINGS = tuple(10.0**k for k in range(4, -6, -1))  # tried, relative to the data's information on a coefficient
-HELD_OUT = 5  # each such track is not fitted while the smoothing is chosen
+HELD_OUT = 5  # each such track is not fitted while the smoothing is chosen ...
+MANY = 600  # ... but of fewer tracks all are held out in turn
 LARGEST = 16.0  # squared residual, in variances, that a track held out counts at most: wrong links
 PAST = 1.02  # times the least error is past the best smoothing
 RIDGE = 1e-9  # of the data's information, on every coefficient
@@ -118,12 +119,16 @@ def field_from_tracks(
 
 def _chosen(basis: csr_array, velocity: Array, std: Array, penalty: csr_array) -> tuple[float, float]:
     """The smoothing that tells tracks held out best, and their squared error in variances of the tracks."""
-    held = np.arange(len(velocity)) % HELD_OUT == 0  # in whatever order tracks are, all over the volume
+    fold = np.arange(len(velocity)) % HELD_OUT  # in whatever order tracks are, all over the volume
+    turns = HELD_OUT if len(velocity) < MANY else 1
     errors: list[float] = []
     for smoothing in SMOOTHINGS:
-        found = _solution(basis[~held], velocity[~held][None], std[~held], penalty, smoothing)[0]
-        missed = ((basis[held] @ found.T - velocity[held]) / std[held]) ** 2
-        errors.append(float(np.minimum(missed, LARGEST).mean()))
+        missed = []
+        for turn in range(turns):
+            held = fold == turn
+            found = _solution(basis[~held], velocity[~held][None], std[~held], penalty, smoothing)[0]
+            missed.append(((basis[held] @ found.T - velocity[held]) / std[held]) ** 2)
+        errors.append(float(np.minimum(np.concatenate(missed), LARGEST).mean()))
         if errors[-1] > PAST * min(errors):
             break
     best = int(np.argmin(errors))

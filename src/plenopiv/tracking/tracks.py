@@ -86,3 +86,39 @@ def tracks_dataset(
 
 def _starts(counts: Sequence[int]) -> list[int]:
     return [0, *np.cumsum(counts).tolist()][:-1]
+
+
+def joined(pairs: Sequence[xarray.Dataset]) -> xarray.Dataset:
+    """The tracks of several pairs (``tracks_dataset``), in the order of time, as one dataset: a frame that two pairs
+    share is there once, and a particle that both link has one ``track_id``."""
+    import xarray as xr
+
+    frames: dict[int, xarray.Dataset] = {}
+    for pair in pairs:
+        for number in np.unique(pair["frame"].values).tolist():
+            if number not in frames:
+                frames[number] = pair.isel(obs=np.flatnonzero(pair["frame"].values == number))
+    numbers = sorted(frames)
+    whole = xr.concat([frames[k] for k in numbers], "obs", data_vars="minimal", coords="minimal")
+    starts = dict(zip(numbers, _starts([frames[k].sizes["obs"] for k in numbers]), strict=True))
+    track = np.full(whole.sizes["obs"], -1, np.int64)
+    moving = {name: whole[name].values.copy() for name in (*NAMES[3:], *(f"{n}_std" for n in NAMES[3:]), "covariance")}
+    following = 0
+    for pair in pairs:
+        of, number = pair["track_id"].values, pair["frame"].values
+        if not (of >= 0).any():
+            continue
+        a_frame, b_frame = np.unique(number).tolist()
+        in_a, in_b = np.flatnonzero(number == a_frame), np.flatnonzero(number == b_frame)
+        a, b = in_a[of[in_a] >= 0], in_b[of[in_b] >= 0]
+        a, b = a[np.argsort(of[a])], b[np.argsort(of[b])]
+        at_a, at_b = starts[a_frame] + a - in_a[0], starts[b_frame] + b - in_b[0]
+        fresh = track[at_a] < 0
+        track[at_a[fresh]] = following + np.arange(fresh.sum())
+        following += int(fresh.sum())
+        track[at_b] = track[at_a]
+        for name, values in moving.items():  # to the next frame, where there is a link
+            values[at_a] = pair[name].values[a]
+    variables: dict[str, tuple] = {"track_id": ("obs", track, whole["track_id"].attrs)}
+    variables |= {name: (whole[name].dims, values, whole[name].attrs) for name, values in moving.items()}
+    return whole.assign(variables)

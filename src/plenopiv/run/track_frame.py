@@ -1,0 +1,109 @@
+"""The volume and the particles of one frame of a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.cameras.space_map import SpaceMap
+from plenopiv.chain import Chain
+from plenopiv.recording import Recording
+from plenopiv.run.frame import Progress
+from plenopiv.run.inputs import frame_entry, of_image
+from plenopiv.tracking.frame import FrameParticles, particles_of_frame
+from plenopiv.tracking.light import PointLights, diffraction_px
+from plenopiv.tracking.peaks import peaks
+from plenopiv.tracking.pixels import Pixels
+from plenopiv.tracking.rim import clipped_by_rim
+from plenopiv.volume import Limits, SparseVolume, VoxelGrid
+
+AROUND = 4  # voxels beyond the volume in which particles are looked for too: they light the same pixels
+
+
+@dataclass(frozen=True)
+class TrackedFrame:
+    """A frame's number from 0, volume, particles in the frame of the chain's grid, entry in the manifest, and what was
+    warned of."""
+
+    number: int
+    volume: SparseVolume
+    particles: FrameParticles
+    entry: dict[str, Any]
+    warned: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class FrameTracker:
+    """Finds the particles of the frames of a ``recording``; ``wavelength_nm`` of the light."""
+
+    chain: Chain
+    recording: Recording
+    wavelength_nm: float
+
+    @cached_property
+    def of_points(self) -> PointLights:
+        """Where the light of points of lens space goes."""
+        return PointLights(self.chain.camera, diffraction_px(self.chain.camera, self.wavelength_nm))
+
+    @cached_property
+    def unusable(self) -> NDArray[np.bool_] | None:
+        """Pixels that are no equations: those of the chain, and those that the main lens' rim clips."""
+        of_chain: Any = self.chain.unusable[0] if self.chain.unusable else None
+        clipped = clipped_by_rim(self.chain.camera)
+        if of_chain is None or clipped is None:
+            return clipped if of_chain is None else of_chain
+        return np.asarray(of_chain | clipped)
+
+    def frame(self, number: int, report: Progress) -> TrackedFrame:
+        """Frame ``number``, from 0.
+
+        Raises:
+            PlenoPIVError: its image cannot be used, or shows no particles.
+        """
+        source, chain = self.recording.frames[number], self.chain
+        entry = frame_entry(source, None)  # before it is read: a file that is replaced later is then another one
+        image, static = self.recording.light(number)
+        behind = None if static is None else [static]
+        made = chain.reconstruct([image], source.name, partial(report, f"reconstruction of {source.name}"), behind)
+        sensor, noise = chain.camera.sensor, chain.counts_per_electron
+        pixels = Pixels.of_image(
+            image, sensor.black_level, sensor.full_scale, made.noise.dark, noise, self.unusable, static
+        )
+        stage = partial(report, f"particles of {source.name}")
+        guess = peaks(made.volume)
+        particles = particles_of_frame(self.of_points, pixels, *guess, around(chain.lens_grid), stage)
+        if chain.space is not None:
+            particles = within(in_laboratory(particles, chain.space), around(chain.grid))
+        return TrackedFrame(number, made.volume, particles, entry | {"sha256": of_image(image)})
+
+
+def around(grid: VoxelGrid) -> Limits:
+    """The limits in which particles are looked for, mm."""
+    x, y, z = ((lo - AROUND * d, hi + AROUND * d) for (lo, hi), d in zip(grid.limits_mm(), grid.voxel_mm, strict=True))
+    return x, y, z
+
+
+def in_laboratory(particles: FrameParticles, space: SpaceMap) -> FrameParticles:
+    """Particles of lens space where they are in the laboratory; covariances by the map's derivatives."""
+    turned = np.zeros((len(particles.light), 4, 4))
+    turned[:, :3, :3] = space.to_laboratory.jacobian(particles.position_mm)
+    turned[:, 3, 3] = 1.0
+    covariance = turned @ particles.covariance @ np.swapaxes(turned, 1, 2)
+    return replace(particles, position_mm=space.to_laboratory(particles.position_mm), covariance=covariance)
+
+
+def within(particles: FrameParticles, limits_mm: Limits) -> FrameParticles:
+    """Those within ``limits_mm``: lens space is a box around the volume's image."""
+    low, high = np.transpose(limits_mm)
+    kept = ((particles.position_mm >= low) & (particles.position_mm <= high)).all(1)
+    return FrameParticles(
+        particles.position_mm[kept],
+        particles.light[kept],
+        particles.covariance[kept],
+        particles.misfit[kept],
+        particles.chi2,
+    )

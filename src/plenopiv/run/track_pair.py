@@ -1,0 +1,147 @@
+"""A pair of frames tracked and written: what a series of ``plenopiv track`` repeats."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
+
+from plenopiv.displacement.field import DisplacementField
+from plenopiv.errors import PlenoPIVError
+from plenopiv.experiment.tracking_table import TrackingTable
+from plenopiv.io.netcdf import write_velocity
+from plenopiv.io.series_file import pair_file
+from plenopiv.io.tracks_file import write_tracks
+from plenopiv.run.frame import LostFrame, Progress, caught_warnings
+from plenopiv.run.inputs import frame_entry
+from plenopiv.run.pair import PairRecord
+from plenopiv.run.track_field import velocity_of_tracks
+from plenopiv.run.track_frame import FrameTracker, TrackedFrame
+from plenopiv.tracking.frame import FrameParticles
+from plenopiv.tracking.links import Links, link
+from plenopiv.tracking.tracks import tracks_dataset
+from plenopiv.volume import VoxelGrid
+
+SCATTER_VOXELS = 0.7  # first guess of how far correlation is from a particle's displacement
+FARTHER = 3.0  # times the largest displacement of the correlation is the largest of a particle
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TrackJob:
+    """What tracks every pair of a recording and writes it below ``folder``."""
+
+    tracker: FrameTracker
+    table: TrackingTable
+    folder: Path
+    source: str
+
+    def frame(self, number: int, report: Progress) -> TrackedFrame | LostFrame:
+        """Frame ``number``, from 0.
+
+        Raises:
+            PlenoPIVError: its file is gone since the run began: others will be too, and the cause can be removed.
+        """
+        recording = self.tracker.recording
+        source = recording.frames[number]
+        with caught_warnings() as said:
+            try:
+                found = self.tracker.frame(number, report)
+            except PlenoPIVError as error:
+                if number not in recording.damaged and not os.path.exists(source.path):
+                    raise PlenoPIVError(f"{source.path}: is gone since the run began") from None
+                return LostFrame(number, source, str(error), frame_entry(source, None), tuple(said))
+        return TrackedFrame(number, found.volume, found.particles, found.entry, tuple(said))
+
+    def pair(
+        self, number: int, before: TrackedFrame | LostFrame, after: TrackedFrame | LostFrame, report: Progress
+    ) -> PairRecord:
+        """Link the particles of a pair's frames, make the field of these links, and write both.
+
+        Raises:
+            PlenoPIVError: a file cannot be written; there are no links or no field in the only pair.
+        """
+        recording, chain = self.tracker.recording, self.tracker.chain
+        only, dt_s = len(recording.pairs) == 1, recording.dt_s
+        record = PairRecord(number, [before.entry, after.entry], warnings=[*before.warned, *after.warned])
+        if isinstance(before, LostFrame) or isinstance(after, LostFrame):
+            record.set_aside = next(one.reason for one in (before, after) if isinstance(one, LostFrame))
+            if only:
+                raise PlenoPIVError(record.set_aside)
+            return record
+        first, second = before.particles, after.particles
+        with caught_warnings() as said:
+            try:
+                moved = chain.displacement(before.volume, after.volume, report)
+                links = linked(first, second, moved, chain.grid, self.table)
+                stage, time_s = partial(report, "field of the tracks"), recording.mid_time_s(number)
+                velocity = velocity_of_tracks(first, second, links, chain, self.table, dt_s, time_s, stage)
+            except PlenoPIVError as error:
+                if only:
+                    raise
+                record.set_aside = str(error)
+                return record
+            finally:
+                record.field_warnings += said
+        tracks = tracks_dataset(
+            [(before.number, first), (after.number, second)], [(before.number, after.number, links)], dt_s
+        )
+        tracks.attrs |= {"dt_s": dt_s, "source": self.source, "frame": chain.frame}
+        velocity.attrs["source"] = self.source
+        name, field = tracks_file(number), "velocity.nc" if only else pair_file(number)
+        for each in (name, field):
+            (self.folder / each).parent.mkdir(parents=True, exist_ok=True)
+        write_tracks(self.folder / name, tracks)
+        write_velocity(self.folder / field, velocity)
+        record.files += [name, field]
+        std = np.sqrt(np.median(np.einsum("nii->ni", first.covariance), 0))[:3]
+        record.numbers = {
+            "particles": [len(first.light), len(second.light)],
+            "linked": len(links.a),
+            "left_by_correlation_mm": links.scatter_mm.tolist(),
+            "median_std_mm": std.tolist(),
+            "measured": int(velocity.valid.sum()),
+            "vectors": int(velocity.valid.size),
+        }
+        return record
+
+
+def tracks_file(number: int) -> str:
+    """Name of the file of a pair's tracks, from 0, in the folder of the tracking."""
+    return f"pairs/tracks-{number:04d}.nc"
+
+
+def linked(
+    first: FrameParticles, second: FrameParticles, field: DisplacementField, grid: VoxelGrid, table: TrackingTable
+) -> Links:
+    """The links of a pair, the correlation's ``field`` (voxels of ``grid``) saying where to look."""
+    most = table.max_displacement_mm
+    if most is None:
+        lengths = np.linalg.norm(field.displacement * np.reshape(grid.voxel_mm, (3, 1, 1, 1)), axis=0)
+        most = FARTHER * float(np.nanmax(lengths)) + grid.voxel_mm[2]
+    return link(first, second, predictor(field, grid), SCATTER_VOXELS * np.asarray(grid.voxel_mm), most)
+
+
+def predictor(field: DisplacementField, grid: VoxelGrid) -> Callable[[Array], Array]:
+    """Displacements (n, 3) in mm at points (n, 3) in mm of a field in voxels: linear between vectors, beyond them as at
+    the nearest one; 0 in a body."""
+    axes = [np.asarray(axis, np.float64) for axis in (field.z, field.y, field.x)]
+    values = np.nan_to_num(np.moveaxis(field.displacement, 0, -1)) * np.asarray(grid.voxel_mm)
+    for k, axis in enumerate(axes):
+        if len(axis) == 1:  # one layer of windows
+            axes[k], values = np.array([axis[0], axis[0] + 1.0]), np.repeat(values, 2, k)
+    between = RegularGridInterpolator(axes, values)
+    low, high = (np.array([end(axis) for axis in axes]) for end in (np.min, np.max))
+
+    def at(points_mm: Array) -> Array:
+        index = (points_mm - np.asarray(grid.first_mm)) / np.asarray(grid.voxel_mm)
+        return np.asarray(between(np.clip(index[:, ::-1], low, high)))
+
+    return at
