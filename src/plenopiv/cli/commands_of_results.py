@@ -118,7 +118,7 @@ def statistics(
 
 @app.command()
 def export(
-    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="velocity.nc, or a volume that a run kept (.h5).")],
+    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="velocity.nc, tracks.nc, or a kept volume (.h5).")],
     target: Annotated[
         Path, typer.Argument(metavar="TARGET", help="What to write: .vtkhdf, .vti, .csv, .mat, .txt or .nc.")
     ],
@@ -131,7 +131,7 @@ def export(
     """Write a velocity field as other programs read it; the ending of TARGET names the format.
 
     \b
-        .vtkhdf  ParaView, PyVista: all vectors and times, or every voxel of a volume
+        .vtkhdf  ParaView, PyVista: all vectors and times, tracks, or every voxel of a volume
         .vti     the same and older ParaView: all vectors of one time (--time)
         .csv     pandas, R, spreadsheets: one vector a line, units in the names of columns
         .mat     MATLAB, Octave: arrays (y, x, z, time), as meshgrid has them

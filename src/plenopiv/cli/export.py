@@ -1,4 +1,4 @@
-"""``plenopiv export``: a velocity field, or a kept volume, as other programs read it."""
+"""``plenopiv export``: a velocity field, tracks, or a kept volume, as other programs read them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from plenopiv.io.matlab import write_matlab
 from plenopiv.io.openpiv import write_openpiv
 from plenopiv.io.pivpy import write_pivpy
 from plenopiv.io.table import write_table
+from plenopiv.io.tracks_file import holds_tracks, read_tracks, write_tracks_vtkhdf
 from plenopiv.io.volumes import volume_in_laboratory
 from plenopiv.io.vti import write_vti
 from plenopiv.io.vtkhdf import write_volume_vtkhdf, write_vtkhdf
@@ -38,7 +39,8 @@ FORMATS = {
 
 
 def export(source: Path, target: Path, z_mm: float | None, time: int | None, overwrite: bool) -> Outcome:
-    """Write ``target``, in the format that its ending names, of a velocity field or a kept volume (.h5).
+    """Write ``target``, in the format that its ending names, of a velocity field, tracks, or a kept volume
+    (.h5).
 
     Raises:
         PlenoPIVError: the source cannot be read; an ending that is no format, a plane or a time that is missing or not
@@ -61,6 +63,11 @@ def export(source: Path, target: Path, z_mm: float | None, time: int | None, ove
     _refuse_to_replace(source, target, overwrite)
     if of_volume:
         write_volume_vtkhdf(target, volume_in_laboratory(source))
+        return Outcome(str(target), {"file": str(target)})
+    if source.is_file() and holds_tracks(source):
+        if kind != ".vtkhdf":
+            raise PlenoPIVError(f"{target}: {kind} files hold fields, {source.name} holds tracks; name a .vtkhdf file")
+        write_tracks_vtkhdf(target, read_tracks(source))
         return Outcome(str(target), {"file": str(target)})
     times = _write(kind, source, target, z_mm, time or 0)
     part = f" (time {time or 0} of {times}, counted from 0)" if times > 1 and not chosen.all_times else ""
