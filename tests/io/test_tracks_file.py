@@ -76,6 +76,4 @@ def test_what_holds_no_tracks_is_refused(tracks, tmp_path):
 def test_openpiv_takes_no_tracks(tracks, tmp_path, capsys):
     write_tracks(tmp_path / "tracks.nc", tracks)
     assert main(["export", str(tmp_path / "tracks.nc"), str(tmp_path / "plane.txt"), "--z", "0"]) == 2
-    assert ".txt files hold fields, tracks.nc holds tracks; name a .vtkhdf file" in (
-        capsys.readouterr().err
-    )
+    assert ".txt files hold fields, tracks.nc holds tracks; name a .vtkhdf file" in (capsys.readouterr().err)
