@@ -117,6 +117,34 @@ def test_pivpy_s_schema_holds_measured_vectors_and_leaves_w_free(tmp_path, noisy
         assert float(plane.chc.sel(x=1.0, y=2.25).sum()) == 0  # replaced
 
 
+def test_names_and_texts_of_any_file_can_be_written(tmp_path):
+    """Characters that are none of XML, of UTF-8, or of a name in MATLAB; attributes that are no text."""
+    given, odd = field(), 'a"<&\n\0\ud800'
+    given[odd] = 2 * given.v
+    given["_x"] = given.v
+    for name, attributes in {"u": {"units": odd, "long_name": odd}, "v": {"units": np.arange(3)}}.items():
+        given[name].attrs = attributes
+    given.attrs = {"dt_s": np.arange(2), "frame": 3}
+    write_table(tmp_path / "a.csv", given)
+    write_matlab(tmp_path / "a.mat", given)
+    write_vti(tmp_path / "a.vti", given)
+    write_pivpy(tmp_path / "a.nc", given, 0.0)
+    write_vtkhdf(tmp_path / "a.vtkhdf", given)
+    back = read_vtk_image(tmp_path / "a.vti", ("velocity",))
+    np.testing.assert_array_equal(back.velocity[..., 1], given.v.values[0])
+    assert pandas.read_csv(tmp_path / "a.csv").columns[-1] == "_x_m_s"
+    assert "_x" not in scipy.io.loadmat(tmp_path / "a.mat")
+
+
+def test_floats_of_two_bytes_are_written_as_four(tmp_path, noisy):
+    noisy["extra"] = noisy.u.astype(np.float16)
+    write_vti(tmp_path / "field.vti", noisy)
+    assert b'type="Float32" Name="extra"' in (tmp_path / "field.vti").read_bytes()
+    write_matlab(tmp_path / "field.mat", noisy)
+    held = scipy.io.loadmat(tmp_path / "field.mat")["extra"]
+    np.testing.assert_array_equal(held, noisy.extra.transpose("y", "x", "z", "time").values.astype(np.float32))
+
+
 @pytest.mark.parametrize("write", [write_vti, write_vtkhdf])
 def test_uneven_planes_are_no_image(tmp_path, write):
     uneven = field().assign_coords(z=[-1.0, -0.5, 0.5])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError, printable
 
@@ -47,6 +48,13 @@ def even_axes(dataset: xarray.Dataset) -> tuple[tuple[float, ...], tuple[float, 
         spacing.append(float(steps.mean()) if steps.size else 1.0)
     shape = dataset.sizes["z"], dataset.sizes["y"], dataset.sizes["x"]
     return tuple(first), tuple(spacing), shape
+
+
+def usual(values: NDArray) -> NDArray:
+    """The same as numbers that all programs know: HDF5 files may hold floats of two or of sixteen bytes."""
+    if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):
+        return values.astype(np.float32 if values.dtype.itemsize < 4 else np.float64)
+    return values
 
 
 def units_of(variable: xarray.DataArray) -> str:

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, printable
 from plenopiv.io.aside import written_aside
-from plenopiv.io.fields import frame_of, units_of, variables_of
+from plenopiv.io.fields import frame_of, units_of, usual, variables_of
 
 if TYPE_CHECKING:
     import xarray
@@ -31,9 +31,9 @@ def as_matlab(dataset: xarray.Dataset) -> dict[str, Any]:
     held: dict[str, Any] = {name: dataset[name].values.astype(float) for name in ("x", "y", "z", "time")}
     for name in variables_of(dataset):
         if NAME.fullmatch(name):
-            values = dataset[name].transpose(*ORDER).values
+            values = usual(dataset[name].transpose(*ORDER).values)
             held[name] = values == 1 if name in FLAGS else values
-    texts = {name: str(dataset[name].attrs.get("long_name", "")) for name in held}
+    texts = {name: printable(str(dataset[name].attrs.get("long_name", ""))) for name in held}
     units = {name: units_of(dataset[name]) for name in held}
     units |= dict.fromkeys("xyz", "mm") | {"time": "s"}
     return held | {

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plenopiv.errors import printable
 from plenopiv.io.fields import frame_of, plane_at
 from plenopiv.io.netcdf import COMPRESSED, write_dataset
 
@@ -39,10 +40,12 @@ def as_pivpy(dataset: xarray.Dataset, z_mm: float) -> xarray.Dataset:
     held = {name: new for name, new in NAMES.items() if name in plane}
     found = plane[list(held)].assign(chc=measured.astype(float).assign_attrs(long_name=MEANING))
     found = found.rename(held | {"time": "t"}).drop_vars("z").transpose(*DIMS)
-    for variable in found.values():
-        variable.attrs.pop("ancillary_variables", None)  # they name what this file does not hold
-    dt_s = dataset.attrs.get("dt_s", 0.0)
-    found.attrs = {"z_mm": z, "delta_t": dt_s, "frame": dataset.attrs.get("frame", "camera"), "axes": frame_of(dataset)}
+    for variable in found.variables.values():
+        texts = {key: variable.attrs.get(key) for key in ("units", "long_name")}
+        variable.attrs = {key: printable(text) for key, text in texts.items() if isinstance(text, str)}
+    dt_s = dataset.attrs.get("dt_s")
+    delta_t = float(dt_s) if isinstance(dt_s, int | float | np.number) else 0.0
+    found.attrs = {"z_mm": z, "delta_t": delta_t, "axes": frame_of(dataset)}
     return found
 
 

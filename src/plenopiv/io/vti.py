@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from plenopiv.errors import printable
 from plenopiv.io.aside import written_aside
-from plenopiv.io.fields import at_time, even_axes, frame_of, point_arrays, units_of
+from plenopiv.io.fields import at_time, even_axes, frame_of, point_arrays, units_of, usual
 
 if TYPE_CHECKING:
     import xarray
@@ -35,11 +35,11 @@ def write_vti(path: str | Path, dataset: xarray.Dataset, time: int = 0) -> None:
     first, spacing, shape = even_axes(dataset)
     header, packed, offset = [], [], 0
     for name, parts in arrays.items():
-        values = np.stack([field[part].transpose("z", "y", "x").values for part in parts], -1)
+        values = usual(np.stack([field[part].transpose("z", "y", "x").values for part in parts], -1))
         header.append(_described(name, values, offset))
         packed.append(_packed(values))
         offset += len(packed[-1])
-    said = [f"{name}: {units}" for name, parts in arrays.items() if (units := units_of(dataset[parts[0]]))]
+    said = [f"{printable(name)}: {units}" for name, parts in arrays.items() if (units := units_of(dataset[parts[0]]))]
     text = "; ".join(["coordinates: mm", *said, frame_of(dataset)])
     whole = " ".join(f"0 {n - 1}" for n in reversed(shape))
     vectors = ' Vectors="velocity"' if "velocity" in arrays else ""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plenopiv.errors import printable
 from plenopiv.io.aside import hdf5_aside
 from plenopiv.io.fields import DIMS, even_axes, frame_of, point_arrays, units_of
 from plenopiv.volume import Volume
@@ -42,7 +43,7 @@ def write_vtkhdf(path: str | Path, dataset: xarray.Dataset) -> None:
             small = np.uint8 if values.dtype == bool else np.float32 if values.dtype == np.float64 else values.dtype
             with np.errstate(over="ignore"):  # what is beyond single precision is infinite in it
                 kept = values.astype(small) if several else values.astype(small)[0]
-            array = points.create_dataset(name, data=kept, compression="gzip", shuffle=True)
+            array = points.create_dataset(printable(name), data=kept, compression="gzip", shuffle=True)
             array.attrs["units"] = units_of(dataset[parts[0]])  # VTK has no place for them and reads past them
         points.parent.attrs["units"], points.parent.attrs["axes"] = "mm", frame_of(dataset)
 
