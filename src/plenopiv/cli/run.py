@@ -77,7 +77,8 @@ def told(result: RunResult) -> Outcome:
     moved = ", ".join(f"{voxels:.2g}" for voxels in facts["largest_displacement_voxels"])
     lines = [
         f"displacements of up to ({moved}) voxels along (x, y, z), {facts['largest_velocity_m_s']:.3g} m/s at "
-        f'dt = {facts["dt_s"]:g} s, orientation "{facts["orientation"]}": no image tells whether these two are right'
+        f'dt = {facts["dt_s"]:g} s, orientation "{facts["orientation"]}": no image tells whether these two are right;'
+        " plenopiv orientation settles the second"
     ]
     if aside:
         lines.append(f"{len(aside)} of {summary['pairs']} pairs set aside:")
