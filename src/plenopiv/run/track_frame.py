@@ -47,7 +47,9 @@ class FrameTracker:
     @cached_property
     def of_points(self) -> PointLights:
         """Where the light of points of lens space goes."""
-        return PointLights(self.chain.camera, diffraction_px(self.chain.camera, self.wavelength_nm))
+        camera, space = self.chain.camera, self.chain.space
+        left = None if space is None else space.left
+        return PointLights(camera, diffraction_px(camera, self.wavelength_nm), left)
 
     @cached_property
     def unusable(self) -> NDArray[np.bool_] | None:

@@ -10,12 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import erf
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.cameras.ray_model import on_disc
+from plenopiv.cameras.space_map import ViewShift
 from plenopiv.errors import PlenoPIVError
 from plenopiv.threads import in_threads
 from plenopiv.tracking import light_kernels as kernels
 from plenopiv.tracking.light_kernels import LightConstants
 
 WAVELENGTH_NM = 532.0  # of the lasers that particles are lit by
+SHIFT_PLACES = 31  # of the main lens, at which a point's shifts of rays are taken
+TOGETHER = 1000  # points whose shifts are taken at a time
 SHARPEST_PX = 0.05  # standard deviation of a boundary that nothing blurs: sharper ones would need more nodes
 
 Array = NDArray[np.float64]
@@ -55,14 +59,23 @@ class PointLights:
     """Makes the ``Lights`` of points for one camera.
 
     ``blur_px``: standard deviation of the Gaussian that blurs micro-images, by default ``diffraction_px`` of green
-    light.
+    light. ``left``: how far rays fall beside those of a thin lens (``SpaceMap.left``), points then being those of lens
+    space. Cells are moved by it corner by corner; derivatives and the places of pixels leave it out.
     """
 
-    def __init__(self, camera: PlenopticCamera, blur_px: float | None = None):
-        self.camera = camera
+    def __init__(self, camera: PlenopticCamera, blur_px: float | None = None, left: ViewShift | None = None):
+        self.camera, self.left = camera, left
         self.blur_px = max(diffraction_px(camera) if blur_px is None else blur_px, SHARPEST_PX)
         self._centres, self._cell, self.constants = _constants(camera, self.blur_px)
         self._tables = _tables(self.blur_px)
+        radius = self.constants.radius
+        self._u_mm = on_disc(radius, SHIFT_PLACES)
+        u, v = self._u_mm.T / radius
+        self._of_places = np.linalg.pinv(np.stack([u**p * v**q for p, q in kernels.SHIFT_POWERS], 1))
+        if left is not None:
+            most = np.abs(left(np.repeat(self._u_mm, 2, 0), np.tile([[left.s_mm] * 2, [0.0, 0.0]], (SHIFT_PLACES, 1))))
+            beside = float(most.max()) / camera.lattice.pitch_mm
+            self.constants = self.constants._replace(moved=self.constants.moved + beside)
 
     def __call__(self, position_mm: ArrayLike) -> Lights:
         """The light of points at ``position_mm`` (n, 3), x, y, z in mm.
@@ -76,7 +89,7 @@ class PointLights:
             raise PlenoPIVError(f"tracking: a particle is not in front of the main lens at z = {nearest:g} mm")
         start, count = np.zeros(len(position) + 1, np.int64), np.empty(len(position), np.int64)
         nothing = np.empty(0, np.int32), np.empty(0, np.float32), np.empty((0, 3), np.float32)
-        fixed = self.constants, self._centres, self._cell, *self._tables, position
+        fixed = self.constants, self._centres, self._cell, *self._tables, position, self._shifts(position)
         in_threads(kernels.light_of_points, len(position), *fixed, True, start, count, *nothing)
         np.cumsum(count, out=start[1:])
         filled = (
@@ -86,6 +99,20 @@ class PointLights:
         )
         in_threads(kernels.light_of_points, len(position), *fixed, False, start, count, *filled)
         return Lights(start, *filled)
+
+    def _shifts(self, position: Array) -> Array:
+        """Of each point (n, terms, 2): the polynomial in a ray's place on the main lens of how far it falls beside."""
+        if self.left is None:
+            return np.empty((len(position), 0, 2))
+        places, out = len(self._u_mm), np.empty((len(position), len(kernels.SHIFT_POWERS), 2))
+        spread, scale = self.camera.spread(position[:, 2]), self.camera.scale(position[:, 2])
+        for low in range(0, len(position), TOGETHER):
+            some = slice(low, low + TOGETHER)
+            middle = scale[some, None] * position[some, :2]
+            s = spread[some, None, None] * self._u_mm + middle[:, None]
+            beside = self.left(np.tile(self._u_mm, (len(s), 1)), s.reshape(-1, 2)).reshape(len(s), places, 2)
+            out[some] = self._of_places @ beside
+        return out
 
 
 def _constants(camera: PlenopticCamera, blur_px: float) -> tuple[Array, Array, LightConstants]:

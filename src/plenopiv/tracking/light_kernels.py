@@ -30,6 +30,8 @@ PER_PX = 256  # entries of the tables of k and K
 TAIL = 4.0  # standard deviations of diffraction that the tables reach beyond the pixel
 EDGE = 2.5  # standard deviations beyond its boundary at which a patch ends: 1e-5 of the light is left out
 LINES, ARCS = 0, 1  # kinds of pieces
+SHIFT_DEGREE = 3  # of the polynomial in a ray's place on the main lens by which it falls beside a thin lens'
+SHIFT_POWERS = [(p, q) for p in range(SHIFT_DEGREE + 1) for q in range(SHIFT_DEGREE + 1 - p)]
 SMALLEST_SPREAD = 1e-7  # stands for A in focus, where cells are larger than the aperture
 
 
@@ -162,12 +164,39 @@ def _lenses_of_row(cam: LightConstants, a: float, b: float, reach: float, j: int
 
 
 @part
+def _shift_corners(
+    corner: NDArray[np.float64], cell_px: float, to_px: float, radius: float, shift: NDArray[np.float64]
+) -> None:
+    """Move the corners of a cell to where rays that fall beside those of a thin lens cross the main lens, in place.
+    ``shift`` (terms, 2): of SHIFT_POWERS of (u, v) in units of the aperture's radius, mm on the microlens plane.
+    Corners beyond the aperture take what it is at its edge."""
+    for k in range(corner.shape[0]):
+        u, v = corner[k, 0] / (to_px * radius), -corner[k, 1] / (to_px * radius)
+        far = sqrt(u * u + v * v)
+        if far > 1.0:
+            u, v = u / far, v / far
+        ds, dt = 0.0, 0.0
+        power_u, term = 1.0, 0
+        for p in range(SHIFT_DEGREE + 1):
+            power = power_u
+            for _ in range(SHIFT_DEGREE + 1 - p):
+                ds += shift[term, 0] * power
+                dt += shift[term, 1] * power
+                power *= v
+                term += 1
+            power_u *= u
+        corner[k, 0] -= cell_px * ds
+        corner[k, 1] += cell_px * dt
+
+
+@part
 def _light_of_point(
     cam: LightConstants,
     centres: NDArray[np.float64],  # (nj, ni, 2): centres of the microlenses, mm
     cell: NDArray[np.float64],  # (corners, 2): of a cell about its centre, mm, clockwise in (s, t)
     k_table: NDArray[np.float64], big_k_table: NDArray[np.float64],
     x: float, y: float, z: float,
+    shift: NDArray[np.float64],  # (terms, 2), or no terms where the main lens is a thin one
     count_alone: bool,
     pixel: NDArray[np.int32], share: NDArray[np.float32], gradient: NDArray[np.float32],
     at: int,  # where this point's entries begin
@@ -200,6 +229,8 @@ def _light_of_point(
             for k in range(cam.corners):
                 corner[k, 0] = cell_px * (lens_s + cell[k, 0] - image_s)
                 corner[k, 1] = -cell_px * (lens_t + cell[k, 1] - image_t)
+            if shift.shape[0] > 0:
+                _shift_corners(corner, cell_px, to_px, cam.radius, shift)
             n = boundary(corner, radius, pieces, box)
             if n == 0:
                 continue
@@ -281,6 +312,7 @@ def light_of_points(
     centres: NDArray[np.float64], cell: NDArray[np.float64],
     k_table: NDArray[np.float64], big_k_table: NDArray[np.float64],
     position: NDArray[np.float64],  # (points, 3): x, y, z, mm
+    shift: NDArray[np.float64],  # (points, terms, 2)
     count_alone: bool,
     start: NDArray[np.int64],  # (points,): where a point's entries begin
     count: NDArray[np.int64],  # (points,): filled where count_alone
@@ -293,7 +325,8 @@ def light_of_points(
     column_k, column_big = np.empty(side), np.empty(side)
     for n in range(begin, end):
         found = _light_of_point(
-            cam, centres, cell, k_table, big_k_table, position[n, 0], position[n, 1], position[n, 2], count_alone,
+            cam, centres, cell, k_table, big_k_table, position[n, 0], position[n, 1], position[n, 2],
+            shift[n], count_alone,
             pixel, share, gradient, start[n], corner, pieces, box, window, column_k, column_big,
         )  # fmt: skip
         if count_alone:
