@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles.cameras import small_camera
-from oracles.unsharp_lens import unsharp_point_image
+from oracles.unsharp_light import unsharp_point_image
 
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
