@@ -30,6 +30,7 @@ def truth():
     return np.moveaxis(FLOW(np.stack([x, y, z], -1).reshape(-1, 3)).reshape(*x.shape, 3), -1, 0)
 
 
+@pytest.mark.full
 def test_parts_are_one_field():
     found = field_on_grid(*tracks(), LIMITS, AXES, step_mm=STEP_MM)
     assert len(found.smoothing) == 2
@@ -50,6 +51,7 @@ def test_points_without_tracks_nearby_are_not_measured():
     assert np.isnan(found.velocity[:, x < -0.5]).all()  # the other part has no tracks at all
 
 
+@pytest.mark.full
 def test_nodes_follow_the_density_of_tracks():
     position, velocity, std = tracks()
     dense, thin = (field_on_grid(position[::n], velocity[::n], std[::n], LIMITS, AXES).step_mm for n in (8, 16))
