@@ -5,7 +5,9 @@ from dataclasses import replace
 import pytest
 from recordings import camera, looked_at, record, wrong
 
+from plenopiv.checks import check
 from plenopiv.checks.lens_blur import finding
+from plenopiv.experiment import Experiment
 from plenopiv.reconstruction.lens_blur import LensBlur
 from plenopiv.sensor import Sensor
 
@@ -41,6 +43,13 @@ def test_none_is_found_where_there_is_none(recorded):
     (found,) = [each for each in looked_at(recorded()).findings if each.name == NAME]
     assert found.severity == "good"
     assert "is sharp" in found.words
+
+
+@pytest.mark.usefixtures("still")
+def test_behind_a_window_it_is_not_looked_for(blurred):
+    air = Experiment.load(blurred / "experiment.toml")
+    given = air.recording(), air.camera(), air.grid(), air.correlation.settings()
+    assert NAME not in [each.name for each in check(*given, blur_measured=None).findings]
 
 
 @pytest.mark.parametrize(

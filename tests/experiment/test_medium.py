@@ -87,3 +87,13 @@ def test_it_is_written_out():
     text = loaded(**WATER, window_tilt_deg=[1.0, -2.0]).dump_toml()
     again = Experiment.from_dict(tomllib.loads(text))
     assert again.medium == loaded(**WATER, window_tilt_deg=[1.0, -2.0]).medium
+
+
+def test_particles_do_not_tell_blur_from_the_aberration_of_water():
+    tables = tomllib.loads(TEXT)
+    tables["camera"]["main_lens"]["blur_mm"] = "auto"
+    assert Experiment.from_dict(tables, "file.toml").blur_measured
+    with pytest.raises(PlenoPIVError, match=r'main_lens\.blur_mm: "auto" needs a camera in air') as error:
+        Experiment.from_dict(tables | {"medium": WATER}, "file.toml")
+    assert "\n" not in str(error.value)
+    assert loaded(**WATER).blur_measured is None

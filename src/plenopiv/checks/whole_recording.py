@@ -68,14 +68,14 @@ def check(
     *,
     with_motion: bool = True,
     stated: bool = True,
-    blur_measured: bool = False,
+    blur_measured: bool | None = False,
 ) -> CheckResult:
     """Check a recording: files, white image, frames against it, light, seeding, displacement.
 
     ``camera`` as it is stated, ``grid`` and ``correlation`` as a run would take them. ``progress(stage, done, total)``.
     ``with_motion``: the displacement too, which takes longest and which a run measures itself. ``stated``: the stated
     aperture is used, not that of a calibration with a target. ``blur_measured``: the main lens' blur is not stated, a
-    run measures it.
+    run measures it; None: it is not looked for.
 
     Raises:
         PlenoPIVError: the white image cannot be read, or no pair of frames.
@@ -243,7 +243,7 @@ def _light_and_motion(
     correlation: CorrelationSettings,
     report: Progress,
     with_motion: bool,
-    blur_measured: bool,
+    blur_measured: bool | None,
 ) -> tuple[list[Finding], light.Light, motion.Motion | None]:
     """Exposure, background, seeding and displacement, in the sensor's middle; ``frames``: those of the first pair."""
     report("light", 0, 2)
@@ -261,7 +261,8 @@ def _light_and_motion(
         clean = [taken.removed(frame, pulse)[0] for pulse, frame in enumerate(frames)]
     fields: list[LightField] = [decode(middle_of(frame, part), where) for frame in clean]
     out: list[Finding] = []
-    if (blur := measured_blur(fields[0], projector)) is not None:
+    blur = None if blur_measured is None else measured_blur(fields[0], projector)
+    if blur is not None and blur_measured is not None:
         of_lens = lens_blur.finding(blur, camera.blur_mm, camera.lattice.pitch_mm, names[0], blur_measured)
         blurred = replace(where, camera=replace(camera, blur_mm=blur.beyond_doubt(camera.lattice.pitch_mm)))
         projector = PlenopticProjector(blurred, grid, "1-ray")  # so that a wider image is no crowd of particles

@@ -109,6 +109,11 @@ class Experiment(Table):
                 "recording.white: missing; name the white image, or say where the microlenses are with "
                 "camera.microlens_array.rotation_deg and offset_mm"
             )
+        if self.camera_table.main_lens.blur_mm == "auto" and self.blur_measured is None:
+            lines.append(
+                'camera.main_lens.blur_mm: "auto" needs a camera in air, without [calibration] and [medium]; '
+                "aberration widens particles too: give a number"
+            )
         return lines
 
     def _volume_contradictions(self) -> list[str]:
@@ -170,8 +175,11 @@ class Experiment(Table):
         )
 
     @property
-    def blur_measured(self) -> bool:
-        """Whether the main lens' blur is that which the particles show."""
+    def blur_measured(self) -> bool | None:
+        """Whether the main lens' blur is that which the particles show; None where they do not tell it from aberration,
+        by a target or behind a window."""
+        if self.calibration is not None or self.medium is not None:
+            return None
         return self.camera_table.main_lens.blur_mm == "auto"
 
     def grid(self) -> VoxelGrid:
