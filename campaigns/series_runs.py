@@ -310,7 +310,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def differences(found: Mapping[str, bytes], wanted: Mapping[str, bytes]) -> list[str]:
-    """Names of files that are not those of an undisturbed run, but for times, memory and dates."""
+    """Names of files that are not those of an undisturbed run, but for times, memory, dates and the folder's name."""
     names = sorted(found.keys() | wanted.keys())
     return [name for name in names if _timeless(name, found.get(name)) != _timeless(name, wanted.get(name))]
 
@@ -332,4 +332,5 @@ def _without_times(name: str, text: str) -> object:
         lines = [json.loads(line) for line in text.splitlines()]
         return [line | {"sha256": "", "check": ""} if line.get("file") in OWN_LINES else line for line in lines]
     text = re.sub(r"<tr>(?:(?!</tr>).)*height=\"4\"(?:(?!</tr>).)*</tr>", "", text, flags=re.DOTALL)  # bars of stages
+    text = re.sub(r'(<p class="run">)[^<·]*/', r"\1", text)  # the folder of the experiment, another for each case
     return re.sub(r"\d+(\.\d+)? (s|min|h|GB)\b|\d{4}-\d\d-\d\d[ T]\d\d:\d\d(:\d\d)?", "", text)

@@ -12,7 +12,6 @@ Size = tuple[int, int, int]
 
 SMALLEST = 8  # voxels of a window along an axis
 SUB_WINDOW = 0.75  # default side of a sub-window, as a fraction of the last window's
-SHALLOWEST = 16  # voxels; a thinner default would cut reconstructed particles, which are up to 12 voxels deep
 
 
 class Pass(NamedTuple):
@@ -29,8 +28,7 @@ class CorrelationSettings:
     ``windows``: interrogation windows, coarse to fine. ``overlap``: of neighbouring windows, as a fraction of a window.
     ``inner_window``: sub-windows, smaller than the last of ``windows``; a vector of that window is the mean of the
     sub-windows' vectors over it (``displacement.sub_windows``). ``inner_overlap``: their overlap. None: 0.75 of the
-    last of ``windows``, 8 voxels at least, and along z 16 where that is as deep. As large as the last of ``windows``:
-    no sub-windows.
+    last of ``windows``, 8 voxels at least. As large as the last of ``windows``: no sub-windows.
     ``coarse_passes``, ``fine_passes``: passes with each coarse window size and with the finest one. All but the very
     first pass deform the volumes by the displacement known so far.
     ``smoothing_voxels``: sigma of the Gaussian that both volumes see before correlation; blobs of one or two voxels
@@ -73,9 +71,8 @@ class CorrelationSettings:
     def sub_window(self) -> Size | None:
         """Sides of the sub-windows along x, y, z in voxels; None without sub-window averaging."""
         last = self.windows[-1]
-        x, y, z = (max(SMALLEST, round(SUB_WINDOW * n)) for n in last)
-        size = self.inner_window or (x, y, max(z, min(SHALLOWEST, last[2])))
-        return None if size == last else size
+        size = self.inner_window or tuple(max(SMALLEST, round(SUB_WINDOW * n)) for n in last)
+        return None if size == last else size  # type: ignore[return-value]
 
     @property
     def passes(self) -> list[Pass]:
