@@ -6,6 +6,7 @@ import sys
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING
@@ -79,8 +80,8 @@ def check(file: Path, every: bool = False) -> Outcome:
 
     with Progress() as progress:
         grid = space.grid_of(experiment, space.space_of(experiment, recording))
-        known = {"stated": experiment.calibration is None, "blur_measured": experiment.blur_measured}
-        found = check(recording, experiment.camera(), grid, experiment.correlation.settings(), progress, **known)
+        look = partial(check, stated=experiment.calibration is None, blur_measured=experiment.blur_measured)
+        found = look(recording, experiment.camera(), grid, experiment.correlation.settings(), progress)
         if every:
             pairs = PairCheck(recording.sensor, found.white, found.camera.image_pitch_px, recording.unusable)
             found = replace(found, findings=(*found.findings, *every_pair(recording, pairs, progress)))
