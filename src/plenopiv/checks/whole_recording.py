@@ -125,17 +125,7 @@ def readable(recording: Recording) -> tuple[list[int], list[Finding]]:
     Raises:
         PlenoPIVError: no pair can be read.
     """
-    bad = dict(recording.damaged)
-    for pair in recording.pairs:
-        try:
-            for k in pair:
-                recording.frame(k)
-        except PlenoPIVError as error:
-            bad[k] = str(error)
-            continue
-        break
-    else:
-        raise PlenoPIVError(next(iter(bad.values())))
+    pair, bad = recording.first_readable_pair()
     last = next(p for p in reversed(recording.pairs) if not bad.keys() & set(p))
     out = []
     if bad:
@@ -261,8 +251,8 @@ def _light_and_motion(
         clean = [taken.removed(frame, pulse)[0] for pulse, frame in enumerate(frames)]
     fields: list[LightField] = [decode(middle_of(frame, part), where) for frame in clean]
     out: list[Finding] = []
-    blur = None if blur_measured is None else measured_blur(fields[0], projector)
-    if blur is not None and blur_measured is not None:
+    of_lens = None
+    if blur_measured is not None and (blur := measured_blur(fields[0], projector)) is not None:
         of_lens = lens_blur.finding(blur, camera.blur_mm, camera.lattice.pitch_mm, names[0], blur_measured)
         blurred = replace(where, camera=replace(camera, blur_mm=blur.beyond_doubt(camera.lattice.pitch_mm)))
         projector = PlenopticProjector(blurred, grid, "1-ray")  # so that a wider image is no crowd of particles
@@ -278,7 +268,7 @@ def _light_and_motion(
         each = [[found for found in one if found.name != "background"] for one in each]
     for of_frames in zip(*each, strict=True):
         out += _worst(list(of_frames))
-    if blur is not None and lights[0].signal_to_noise >= light.FAINTEST:
+    if of_lens is not None and lights[0].signal_to_noise >= light.FAINTEST:
         out.append(of_lens)
     raw = (middle_of(frame, part) for frame in frames)
     often = [

@@ -203,6 +203,24 @@ class Recording:
             raise PlenoPIVError(self.damaged[k])
         return self._image(self.frames[k])
 
+    def first_readable_pair(self) -> tuple[tuple[int, int], dict[int, str]]:
+        """The first pair of frames that can be read, and why others, by number, cannot: those ``damaged`` and those
+        tried before it.
+
+        Raises:
+            PlenoPIVError: no pair can be read.
+        """
+        bad = dict(self.damaged)
+        for pair in self.pairs:
+            try:
+                for k in pair:
+                    self.frame(k)
+            except PlenoPIVError as error:
+                bad[k] = str(error)
+                continue
+            return pair, bad
+        raise PlenoPIVError(next(iter(bad.values())))
+
     def white(self) -> NDArray[np.uint16] | None:
         """The white image, like ``frame``; None where the recording has none."""
         return None if self.white_source is None else self._image(self.white_source)

@@ -10,7 +10,7 @@ import numpy as np
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.chain import Chain
-from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.errors import PlenoPIVWarning
 from plenopiv.lightfield import decode, layout
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.lens_blur import LensBlur, lens_blur
@@ -29,7 +29,7 @@ def with_blur(chain: Chain, recording: Recording) -> tuple[PlenopticCamera, dict
     masked = chain.unusable[0] if chain.unusable else None
     where = layout(replace(camera, sensor=part), None if masked is None else middle_of(masked, part))
     projector = PlenopticProjector(where, chain.lens_grid, "1-ray")  # only its geometry is used
-    for k in first_pair(recording):
+    for k in recording.first_readable_pair()[0]:
         each = lens_blur(decode(middle_of(recording.light(k)[0], part), where), projector)
         found += [] if each is None else [each]
     if not found:
@@ -38,21 +38,3 @@ def with_blur(chain: Chain, recording: Recording) -> tuple[PlenopticCamera, dict
     both = LensBlur(*(float(np.mean([getattr(one, key) for one in found])) for key in ("blur_mm", "std_mm", "left")))
     blur = both.beyond_doubt(camera.lattice.pitch_mm)
     return replace(camera, blur_mm=blur), {"blur_mm": blur, "blur_std_mm": both.std_mm}
-
-
-def first_pair(recording: Recording) -> tuple[int, int]:
-    """The first pair of frames that can be read.
-
-    Raises:
-        PlenoPIVError: none can.
-    """
-    reason = ""
-    for pair in recording.pairs:
-        try:
-            for k in pair:
-                recording.frame(k)
-        except PlenoPIVError as error:
-            reason = reason or str(error)
-            continue
-        return pair
-    raise PlenoPIVError(reason)
