@@ -82,6 +82,7 @@ def fitted():
     return dots, fit_optics(dots, camera, WATER)
 
 
+@pytest.mark.full
 def test_parameters_are_found_within_three_standard_deviations(fitted):
     _, found = fitted
     for name, exact in TRUTH.items():

@@ -37,7 +37,7 @@ def _no_warnings():
         pytest.param((400, 520), 14.04, 0.0, marks=pytest.mark.full),
         pytest.param((400, 520), 14.04, 0.1, marks=pytest.mark.full),
         pytest.param((400, 520), 14.04, 1.0, marks=pytest.mark.full),
-        ((400, 520), 14.04, -29.0),
+        pytest.param((400, 520), 14.04, -29.0, marks=pytest.mark.full),
         pytest.param((600, 500), 28.09, 1.0, marks=pytest.mark.full),
     ],
 )
@@ -58,6 +58,7 @@ def test_centres_over_the_whole_sensor(kind, shape, pitch_px, rotation_deg):
 
 
 @squares
+@pytest.mark.full
 @pytest.mark.parametrize("pitch_px", [8.0, pytest.param(28.0, marks=pytest.mark.full)])
 def test_every_lens_at_the_same_sub_pixel_position(kind, pitch_px):
     """A pitch of whole pixels without rotation: what a fit's bias depends on does not average out."""
@@ -77,9 +78,9 @@ def test_every_lens_at_the_same_sub_pixel_position(kind, pitch_px):
         pytest.param({"fill": 0.98}, marks=pytest.mark.full),
         pytest.param({"fill": 1.03}, marks=pytest.mark.full),
         pytest.param({"fill": 1.08, "electrons": 1500.0}, marks=pytest.mark.full),
-        {"electrons": 60.0},
+        pytest.param({"electrons": 60.0}, marks=pytest.mark.full),
         pytest.param({"falloff": 0.85}, marks=pytest.mark.full),
-        {"dust": 0.1},
+        pytest.param({"dust": 0.1}, marks=pytest.mark.full),
     ],
 )
 def test_other_apertures_and_poor_light(kind, light):
@@ -135,6 +136,7 @@ def test_rows_along_t(kind):
     assert abs(fit.rotation_deg) == pytest.approx(30.0 if kind == "hexagonal" else 0.0, abs=0.01)
 
 
+@pytest.mark.full
 def test_stretched_array():
     """Spacing along s stretched by 0.2 %: an affine map, the pitch along the rows, nothing left in the residuals."""
     shape = (500, 500)
@@ -153,6 +155,7 @@ def test_stretched_array():
 
 
 @hexagons
+@pytest.mark.full
 def test_sheared_array(kind):
     """Columns lean by 0.8 mrad; the rotation is that of the rows, which are turned by -2 degrees."""
     shape, turn = (400, 400), np.radians(-2.0)
@@ -169,6 +172,7 @@ def test_sheared_array(kind):
 
 
 @squares
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("degree", "of"),
     [
@@ -189,6 +193,7 @@ def test_distorted_array(kind, degree, of):
     assert worst_error_px(fit, camera, centres) < 0.04
 
 
+@pytest.mark.full
 def test_rows_of_residual_map_are_rows_of_the_upright_image():
     """A corner of the array, top right, moved by 0.7 px: its block alone stands out."""
     shape = (450, 600)

@@ -34,11 +34,13 @@ def test_blur_is_named_with_its_size_and_not_as_a_crowd(blurred):
     assert "set camera.main_lens.blur_mm = 0.0" in found[NAME].advice
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("still")
 def test_a_blur_that_is_stated_is_good(blurred):
     assert NAME not in wrong(looked_at(blurred, camera__main_lens__blur_mm=0.03))
 
 
+@pytest.mark.full
 def test_none_is_found_where_there_is_none(recorded):
     (found,) = [each for each in looked_at(recorded()).findings if each.name == NAME]
     assert found.severity == "good"

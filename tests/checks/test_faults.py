@@ -23,6 +23,7 @@ def test_wrong_lattice_type(recorded):
     assert 'set it to "hexagonal"' in wrong(found)["lattice-type"].advice
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("aperture", "stated"),
     [
@@ -45,12 +46,14 @@ def test_f_number_mismatch(recording, aperture, stated):
     assert float(fault.advice.rpartition("= ")[2]) == pytest.approx(25 * aperture, rel=0.01)
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("still")
 def test_an_aperture_that_is_not_the_stated_one(recorded):
     fault = wrong(looked_at(recorded(), camera__main_lens__aperture_mm=20.0))["stated-aperture"]
     assert "aperture_mm = 25" in fault.advice
 
 
+@pytest.mark.full
 def test_the_aperture_of_a_camera_with_a_target_is_not_the_stated_one(recorded):
     image = tifffile.imread(recorded() / "white.tif")
     for stated in (True, False):
@@ -137,6 +140,7 @@ def test_turns_of_a_square_sensor(recorded, kind, way):
         assert back.get(way, way) in found.words
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "other",
     [
@@ -200,6 +204,7 @@ def test_times_that_contradict_dt(tmp_path):
     assert in_order(marks[:1], 0.0005).severity == "good"
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("gain", "name"), [(1 / 40, "white-underexposed"), (2.0, "white-overexposed")])
 def test_a_white_image_too_dark_and_too_bright(recorded, gain, name):
     image = np.minimum(60 + (tifffile.imread(recorded() / "white.tif") - 60.0) * gain, 4095)
@@ -207,11 +212,13 @@ def test_a_white_image_too_dark_and_too_bright(recorded, gain, name):
     assert name in {finding.name for finding in findings if finding.severity == "warning"}
 
 
+@pytest.mark.full
 def test_displacements_beyond_the_search_range(recorded):
     fault = wrong(looked_at(recorded(), correlation__windows=[[32, 32, 16], [16, 16, 16]], correlation__search=0.06))
     assert "larger first windows" in fault["displacement-too-large"].advice
 
 
+@pytest.mark.full
 def test_frames_of_two_flows(recording):
     folder = record(recording.parent / "other", seed=4)
     edited(recording, "b", lambda image: tifffile.imread(folder / "b.tif"))

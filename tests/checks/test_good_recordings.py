@@ -13,6 +13,7 @@ VOXEL_MM = np.array([36 / 2100, 36 / 2100, 0.077])
 
 
 LATER = (
+    "dim",
     "square",
     "hexagonal turned",
     "square, 14.04 px",

@@ -140,7 +140,9 @@ def test_no_line_of_the_window_is_missed():
         assert crossed == np.abs(end - start).sum()  # each ray passes its microlenses one by one
 
 
-@pytest.mark.parametrize("name", [pytest.param("square", marks=pytest.mark.full), "half", "hexagonal"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("square", marks=pytest.mark.full), "half", pytest.param("hexagonal", marks=pytest.mark.full)]
+)
 @pytest.mark.parametrize("plane", [yz_plane(0.013), xy_plane(0.35), xy_plane(-0.7)], ids=str)
 def test_polygons_against_half_plane_intersection(name, plane):
     """Qhull's intersection of the half-planes that stepping finds: bisectors of the code's microlenses' neighbours."""

@@ -83,12 +83,14 @@ def test_planes_without_a_predictor_are_those_of_the_volume(pair):
             np.testing.assert_array_equal(device.layer(start), volume.slab(start, start + depth))
 
 
+@pytest.mark.full
 def test_weights_by_agreement(pair):
     windows = [np.stack([volume.values[k : k + 13, 5:24, 7:29] for k in (0, 9)]) for volume in pair]
     found = agreement_on_device(*map(jnp.asarray, windows))
     np.testing.assert_allclose(found, agreement(*windows), atol=2e-6)
 
 
+@pytest.mark.full
 def test_sums_of_blocks_are_those_of_the_windows():
     """Against plain loops: products of two windows, one moved around its ends, by block."""
     rng = np.random.default_rng(0)

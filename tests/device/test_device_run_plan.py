@@ -39,6 +39,7 @@ def test_memory_and_time_are_those_of_the_device(chain):
     assert between.on_device <= planned.on_device
 
 
+@pytest.mark.full
 def test_volumes_are_tiled_to_the_device(chain, monkeypatch):
     """What the compiled programs say is replaced by so many bytes a row: each trial is compiled."""
     monkeypatch.setattr(device_plan, "frame_bytes", lambda p, s, tiles: 1e6 + 1e5 * (tiles[0].high - tiles[0].low))

@@ -60,12 +60,14 @@ def run7(tmp_path, monkeypatch):
     return field
 
 
+@pytest.mark.full
 def test_pandas(run7, capsys):
     exec(recipe("pandas"), {})
     assert "0.5" in capsys.readouterr().out
     assert len(pandas.read_csv("run7/sure.csv")) == 59
 
 
+@pytest.mark.full
 def test_pyvista(run7):
     pytest.importorskip("pyvista", reason="needs PyVista: part of requirements-dev.txt")
     left = {}
@@ -75,6 +77,7 @@ def test_pyvista(run7):
     assert left["measured"].n_points == 60 - 1
 
 
+@pytest.mark.full
 def test_matlab(run7):
     """MATLAB is not here: the variables that its lines name, of the shapes they need."""
     held = scipy.io.loadmat("run7/field.mat", simplify_cells=True)

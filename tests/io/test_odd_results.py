@@ -104,6 +104,7 @@ def test_what_single_precision_cannot_hold_is_infinite_without_a_word(tmp_path, 
         assert points["velocity"][0, 0, 0, 0] == np.inf
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("cut", [100, 6000])
 def test_a_truncated_file_leaves_stderr_clean(tmp_path, field, cut):
     """In a process of its own: what objects say that cannot be closed, Python prints when it ends."""

@@ -37,7 +37,7 @@ def frame_and_projector(blur_mm, kind="hexagonal", lit_mm=VOLUME_MM, seed=0):
     ("blur_mm", "kind"),
     [
         (0.02, "hexagonal"),
-        (0.04, "square"),
+        pytest.param(0.04, "square", marks=pytest.mark.full),
         pytest.param(0.04, "hexagonal", marks=pytest.mark.full),
         pytest.param(0.02, "square", marks=pytest.mark.full),
     ],
@@ -65,6 +65,7 @@ def test_how_particles_are_spread_over_depth_need_not_be_known(lit_z_mm):
     assert found.blur_mm == pytest.approx(0.03, rel=0.2)
 
 
+@pytest.mark.full
 def test_what_the_camera_states_makes_no_difference():
     field, projector = frame_and_projector(0.03)
     stated = layout(replace(field.layout.camera, blur_mm=0.05))

@@ -65,6 +65,7 @@ def test_no_text_of_the_velocity_figure_lies_over_another(shape):
     assert over == []
 
 
+@pytest.mark.full
 def test_a_figure_is_cut_between_its_panels():
     figure = velocity_figure(field())
     whole = Image.open(io.BytesIO(png(figure)))
@@ -77,6 +78,7 @@ def test_a_figure_is_cut_between_its_panels():
         assert part[:, [0, -1]].any(0).all()  # no margins
 
 
+@pytest.mark.full
 def test_a_second_axis_belongs_to_its_panel_and_one_panel_is_whole():
     figure = Figure(figsize=(6, 2), layout="constrained")
     left, right = figure.subplots(1, 2)

@@ -48,6 +48,7 @@ def test_the_file_of_a_simulation_states_its_blur(blurred):
     assert Experiment.load(blurred / "experiment.toml").camera().blur_mm == BLUR_MM
 
 
+@pytest.mark.full
 def test_the_chain_of_an_auto_blur_has_what_the_particles_show(blurred):
     tables = Experiment.load(blurred / "experiment.toml").model_dump(by_alias=True, exclude_none=True)
     tables["camera"]["main_lens"]["blur_mm"] = "auto"

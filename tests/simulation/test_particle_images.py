@@ -57,6 +57,7 @@ def test_closed_form_at_another_magnification():
     assert np.abs(traced - exact).max() <= 1e-3 * exact.max()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("kind", "point"),
     [
@@ -185,6 +186,7 @@ def test_diffraction_is_that_of_the_microlens():
     assert diffraction_sigma_mm(SQUARE, 532.0) == pytest.approx(0.42 * 532e-6 * 4.0)
 
 
+@pytest.mark.full
 def test_image_depends_on_the_seed_but_not_on_threads():
     rng = np.random.default_rng(3)
     p = Particles(rng.uniform(-1, 1, (40, 3)) * (1, 1, 3), 1.0, 0.02)
