@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from numpy.typing import NDArray
 
 from plenopiv.chain import Chain
 from plenopiv.checks.explained import unexplained_share
-from plenopiv.errors import PlenoPIVWarning
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.reconstruct import Reconstruction
 from plenopiv.recording import ImageSource, Recording
 from plenopiv.run.inputs import frame_entry, of_image
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 Progress = Callable[[str, int, int], None]
+Taken = TypeVar("Taken", bound="DataclassInstance")
 
 
 @dataclass(frozen=True)
@@ -83,9 +88,29 @@ def reconstructed(chain: Chain, recording: Recording, number: int, progress: Pro
     return Frame(number, source, light, found, left, entry | {"sha256": of_image(light)})
 
 
+def taken_or_lost(recording: Recording, number: int, take: Callable[[], Taken]) -> Taken | LostFrame:
+    """What ``take`` makes of frame ``number`` (from 0), a dataclass with the field ``warned``, and there what was
+    warned of meanwhile; or why the frame is lost.
+
+    Raises:
+        PlenoPIVError: its file is gone since the run began: others will be too, and the cause can be removed.
+    """
+    source = recording.frames[number]
+    entry = frame_entry(source, None)
+    found: Taken | LostFrame
+    with caught_warnings() as said:
+        try:
+            found = take()
+        except PlenoPIVError as error:
+            if number not in recording.damaged and not os.path.exists(source.path):
+                raise PlenoPIVError(f"{source.path}: is gone since the run began") from None
+            found = LostFrame(number, source, str(error), entry)
+    return replace(found, warned=tuple(said))
+
+
 @contextmanager
 def caught_warnings() -> Iterator[list[str]]:
-    """Collect PlenoPIV's warnings instead of showing them, each once."""
+    """Collect PlenoPIV's warnings instead of showing them, each once. The list is empty until the block has ended."""
     said: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

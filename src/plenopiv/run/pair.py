@@ -8,9 +8,10 @@ A ``Job`` is plain data that pickles, so that its frames and pairs can be measur
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,7 @@ from plenopiv.io.netcdf import write_velocity
 from plenopiv.io.series_file import pair_file
 from plenopiv.io.volumes import Laboratory, write_volume
 from plenopiv.recording import Recording
-from plenopiv.run.frame import Frame, LostFrame, Progress, caught_warnings, reconstructed
+from plenopiv.run.frame import Frame, LostFrame, Progress, caught_warnings, reconstructed, taken_or_lost
 from plenopiv.run.inputs import frame_entry
 from plenopiv.run.judged import PairJudge
 from plenopiv.statistics import velocity_gradients
@@ -51,6 +52,22 @@ class PairRecord:
     files: list[str] = field(default_factory=list)
     again: bool = False
 
+    @contextmanager
+    def measuring(self, only: bool) -> Iterator[None]:
+        """Keep what is warned of in this block as warnings of the field; an error sets the pair aside.
+
+        Raises:
+            PlenoPIVError: the same error, where the pair is the ``only`` one.
+        """
+        with caught_warnings() as said:
+            try:
+                yield
+            except PlenoPIVError as error:
+                if only:
+                    raise
+                self.set_aside = str(error)
+        self.field_warnings += said
+
     def content(self) -> dict[str, Any]:
         """As the manifest has it, without the files."""
         return {key: value for key, value in asdict(self).items() if key != "files"}
@@ -76,20 +93,14 @@ class Job:
             PlenoPIVError: that cannot be written; or the frame's file is gone since the run began: others will be too,
                 and the cause can be removed.
         """
-        source = self.recording.frames[number]
-        entry = frame_entry(source, None)
-        with caught_warnings() as said:
-            try:
-                found = reconstructed(self.chain, self.recording, number, progress)
-            except PlenoPIVError as error:
-                if number not in self.recording.damaged and not os.path.exists(source.path):
-                    raise PlenoPIVError(f"{source.path}: is gone since the run began") from None
-                return LostFrame(number, source, str(error), entry, tuple(said))
-        if self.volumes:
+        found = taken_or_lost(
+            self.recording, number, partial(reconstructed, self.chain, self.recording, number, progress)
+        )
+        if self.volumes and isinstance(found, Frame):
             path, space = self._path(volume_file(self.recording, number)), self.chain.space
             laboratory = None if space is None else Laboratory(space.to_laboratory, self.chain.grid)
             write_volume(path, found.found.volume, laboratory)
-        return Frame(number, found.source, found.image, found.found, found.unexplained, found.entry, tuple(said))
+        return found
 
     def not_asked(self, number: int) -> LostFrame:
         """Frame ``number``, which need not be reconstructed because the other one of its pair is lost."""
@@ -145,16 +156,10 @@ class Job:
             PlenoPIVError: a file cannot be written; nothing is found in the only field.
         """
         only = (count or len(self.recording.pairs)) == 1
-        with caught_warnings() as said:
-            try:
-                velocity = measure()
-            except PlenoPIVError as error:
-                if only:
-                    raise
-                record.set_aside = str(error)
-                return record
-            finally:
-                record.field_warnings += said
+        with record.measuring(only):
+            velocity = measure()
+        if record.set_aside is not None:
+            return record
         found, record.set_aside = self.judge.of_field(velocity, names)
         record.findings += map(asdict, found)
         if record.set_aside is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -18,8 +17,7 @@ from plenopiv.experiment.tracking_table import TrackingTable
 from plenopiv.io.netcdf import write_velocity
 from plenopiv.io.series_file import pair_file
 from plenopiv.io.tracks_file import write_tracks
-from plenopiv.run.frame import LostFrame, Progress, caught_warnings
-from plenopiv.run.inputs import frame_entry
+from plenopiv.run.frame import LostFrame, Progress, taken_or_lost
 from plenopiv.run.pair import PairRecord
 from plenopiv.run.track_field import velocity_of_tracks
 from plenopiv.run.track_frame import FrameTracker, TrackedFrame
@@ -49,16 +47,7 @@ class TrackJob:
         Raises:
             PlenoPIVError: its file is gone since the run began: others will be too, and the cause can be removed.
         """
-        recording = self.tracker.recording
-        source = recording.frames[number]
-        with caught_warnings() as said:
-            try:
-                found = self.tracker.frame(number, report)
-            except PlenoPIVError as error:
-                if number not in recording.damaged and not os.path.exists(source.path):
-                    raise PlenoPIVError(f"{source.path}: is gone since the run began") from None
-                return LostFrame(number, source, str(error), frame_entry(source, None), tuple(said))
-        return TrackedFrame(number, found.volume, found.particles, found.entry, tuple(said))
+        return taken_or_lost(self.tracker.recording, number, partial(self.tracker.frame, number, report))
 
     def pair(
         self, number: int, before: TrackedFrame | LostFrame, after: TrackedFrame | LostFrame, report: Progress
@@ -77,19 +66,13 @@ class TrackJob:
                 raise PlenoPIVError(record.set_aside)
             return record
         first, second = before.particles, after.particles
-        with caught_warnings() as said:
-            try:
-                moved = chain.displacement(before.volume, after.volume, report)
-                links = linked(first, second, moved, chain.grid, self.table)
-                stage, time_s = partial(report, "field of the tracks"), recording.mid_time_s(number)
-                velocity = velocity_of_tracks(first, second, links, chain, self.table, dt_s, time_s, stage)
-            except PlenoPIVError as error:
-                if only:
-                    raise
-                record.set_aside = str(error)
-                return record
-            finally:
-                record.field_warnings += said
+        with record.measuring(only):
+            moved = chain.displacement(before.volume, after.volume, report)
+            links = linked(first, second, moved, chain.grid, self.table)
+            stage, time_s = partial(report, "field of the tracks"), recording.mid_time_s(number)
+            velocity = velocity_of_tracks(first, second, links, chain, self.table, dt_s, time_s, stage)
+        if record.set_aside is not None:
+            return record
         tracks = tracks_dataset(
             [(before.number, first), (after.number, second)], [(before.number, after.number, links)], dt_s
         )
