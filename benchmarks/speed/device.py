@@ -77,7 +77,7 @@ def size(shape: tuple[int, int, int]) -> dict[str, Any]:
     a, b = particles(shape, predictor)
     plan = room(shape, SETTINGS, None)
     stages = dict(work.correlation(shape, SETTINGS, plan.voxels))
-    pair = correlation.DevicePair(a, b, plan)
+    pair = correlation.DevicePair(a, b, None, plan)
     seconds = dict.fromkeys(stages, 0.0)
     for number, each in enumerate(SETTINGS.passes, 1):
         grid, last = window_grid(shape, *each), number == len(SETTINGS.passes)

@@ -23,6 +23,7 @@ from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.pose import FRONT, Pose
 from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.device.backend import CPU, Device
+from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.ensemble import PairsOfVolumes, measure_ensemble
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.multigrid import Progress as CorrelationProgress
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
 
 Camera = PlenopticCamera | PinholeCamera
 LARGEST_SIDE = 2**16 - 1  # voxels: sparse volumes keep 16 bits for a voxel's place in its row
+PLACES = 17  # along x and y, at which weights by depth are found in the laboratory
 LOST = 0.1  # of a microlens' pixels: fewer make no difference to the voxels
 DEFAULT_RECONSTRUCTION, DEFAULT_CORRELATION = ReconstructionSettings(), CorrelationSettings()
 
@@ -205,13 +207,19 @@ class Chain:
             return None
         return projection.whole()
 
-    @property
-    def plane_weights(self) -> NDArray[np.float32] | None:
-        """What each reconstructed plane (nz,) counts in the correlation (``focus``); None where all count alike."""
+    @cached_property
+    def depth_weights(self) -> DepthWeights | None:
+        """What light counts in the correlation by its distance from focus (``focus``), on ``grid``; None where all
+        counts alike."""
         reach, camera = self.reconstruction.focus_reach, self.cameras[0]
         if len(self.cameras) > 1 or not isinstance(camera, PlenopticCamera) or reach == 0:
             return None
-        return focus_weight(camera, self.lens_grid.axes()[2], reach)
+        x, y, z = self.grid.axes()
+        if self.space is None:
+            return DepthWeights(focus_weight(camera, z, reach)[:, None, None], np.zeros(1), np.zeros(1))
+        rows, columns = (np.unique(np.linspace(0, n - 1, PLACES).round()) for n in self.grid.shape[1:])
+        at = np.stack(np.meshgrid(z, y[rows.astype(int)], x[columns.astype(int)], indexing="ij")[::-1], -1)
+        return DepthWeights(focus_weight(camera, self.space.to_lens(at)[..., 2], reach), rows, columns)
 
     def reconstruct(
         self,
@@ -247,7 +255,7 @@ class Chain:
     def displacement(
         self, a: SparseVolume, b: SparseVolume, progress: CorrelationProgress | None = None
     ) -> DisplacementField:
-        """Displacement from volume ``a`` to volume ``b``, voxels; planes near focus and voxels behind unusable pixels
+        """Displacement from volume ``a`` to volume ``b``, voxels; light near focus and voxels behind unusable pixels
         count less.
 
         Raises:
@@ -255,18 +263,15 @@ class Chain:
         """
         volumes = self.weighted(a), self.weighted(b)
         if self.device.kind == "cpu":
-            return measure(*volumes, self.correlation, progress, self.solid)
+            return measure(*volumes, self.correlation, progress, self.solid, depth=self.depth_weights)
         with self.device.in_use():
             from plenopiv.device.correlation import measure as measure_on_device
 
-            return measure_on_device(*volumes, self.correlation, progress, self.solid, self.device.memory)
+            memory, depth = self.device.memory, self.depth_weights
+            return measure_on_device(*volumes, self.correlation, progress, self.solid, memory, depth)
 
     def weighted(self, volume: SparseVolume) -> SparseVolume:
-        """What the correlation sees of a reconstructed volume, on ``grid``: planes near focus and voxels behind
-        unusable pixels count less."""
-        weights = self.plane_weights
-        if weights is not None:
-            volume = volume.with_planes_scaled(weights)
+        """A reconstructed volume on ``grid`` as it is correlated: voxels behind unusable pixels count less."""
         if (whole := self._whole) is not None:
             volume = volume.with_values(volume.values * usable_share(self.projection, whole, volume))
         return self.in_laboratory(volume)
@@ -304,7 +309,7 @@ class Chain:
         Raises:
             PlenoPIVError: there is no pair; else as ``velocity``.
         """
-        found = measure_ensemble(_Weighted(self, pairs), self.correlation, progress, self.solid)
+        found = measure_ensemble(_Weighted(self, pairs), self.correlation, progress, self.solid, self.depth_weights)
         return velocity_dataset(found, self.grid, dt_s, time_s, self.frame)
 
 

@@ -185,12 +185,6 @@ class SparseVolume:
         """The same voxels with other intensities."""
         return SparseVolume(self.grid, self.row_start, self.column, values)
 
-    def with_planes_scaled(self, factor: NDArray[np.float32]) -> SparseVolume:
-        """The same voxels, those of plane k times ``factor[k]`` (nz,)."""
-        ny = self.grid.shape[1]
-        listed = np.diff(self.row_start[::ny])
-        return self.with_values(self.values * np.repeat(factor.astype(np.float32), listed))
-
     def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
         """See ``Volume.slab``."""
         nz, ny, nx = self.grid.shape

@@ -112,14 +112,14 @@ def test_velocity_has_the_signs_and_units_of_the_motion():
 
 
 def test_an_ensemble_of_one_pair_is_that_pair_with_the_same_weights():
-    """Planes near focus and voxels behind a mask count less in both."""
+    """Light near focus and voxels behind a mask count less in both."""
     sensor = plenoptic_chain().camera.sensor
     masked = np.zeros((sensor.rows, sensor.columns), bool)
     masked[: sensor.rows // 3] = True
     chain = replace(plenoptic_chain(), unusable=(masked,), reconstruction=replace(SHORT, focus_reach=8.0))
     volumes = tuple(chain.reconstruct(images).volume for images in plenoptic_frames(chain))
-    assert chain.plane_weights.min() < 0.9
-    assert np.ptp(chain.weighted(volumes[0]).values / volumes[0].values / chain.plane_weights.max()) > 0.2
+    assert chain.depth_weights.values.min() < 0.9
+    assert np.ptp(chain.weighted(volumes[0]).values / volumes[0].values) > 0.2
     one, many = chain.velocity(*volumes, 1e-3, 0.25), chain.ensemble([volumes], 1e-3, 0.25)
     assert many.identical(one)
     plain = measure(*volumes, chain.correlation)
@@ -128,17 +128,17 @@ def test_an_ensemble_of_one_pair_is_that_pair_with_the_same_weights():
     np.testing.assert_allclose(twice.u[0], one.u[0], atol=1e-3)
 
 
-def test_planes_near_focus_count_less_for_one_plenoptic_camera_alone():
+def test_light_near_focus_counts_less_for_one_plenoptic_camera_alone():
     across_focus = VoxelGrid.covering((-0.5, 0.5), (-0.4, 0.4), (-2, 2), (0.025, 0.025, 0.1))
     chain = replace(plenoptic_chain(), grid=across_focus)
-    weights = chain.plane_weights
+    weights = chain.depth_weights.values[:, 0, 0]
     z = np.abs(across_focus.axes()[2])
     assert weights.shape == z.shape
     assert weights[np.argmin(z)] < 0.1 < weights[np.argmax(z)] == 1.0
     flat = replace(chain, reconstruction=replace(SHORT, focus_reach=0.0))
-    assert flat.plane_weights is None
-    assert two_camera_chain().plane_weights is None
-    assert tomographic_chain().plane_weights is None
+    assert flat.depth_weights is None
+    assert two_camera_chain().depth_weights is None
+    assert tomographic_chain().depth_weights is None
 
 
 def test_cameras_that_do_not_go_together():

@@ -14,6 +14,7 @@ from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.chain import Chain
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError
+from plenopiv.reconstruction.focus import focus_weight
 from plenopiv.reconstruction.settings import TOMOGRAPHY, ReconstructionSettings
 from plenopiv.reconstruction.tiles import cut
 from plenopiv.run.plan import plan
@@ -169,12 +170,16 @@ def test_what_a_run_takes_is_of_both_grids():
     assert here.needed.layers > plan(replace(chain, space=None)).needed.layers
 
 
-def test_planes_in_focus_are_those_of_the_lens():
+def test_focus_is_where_the_lens_has_it():
     chain = chain_of(behind_water)
-    assert chain.plane_weights.size == chain.lens_grid.shape[0]
-    weights, z = chain.plane_weights, chain.lens_grid.axes()[2]
-    assert np.all(np.diff(weights[z > 0]) >= 0)
-    assert np.argmin(weights) == np.argmin(np.abs(z))
+    chain = replace(chain, reconstruction=replace(chain.reconstruction, focus_reach=8.0))  # the volume's far side
+    x, y, z = GRID.axes()
+    for k, j, i in [(0, 0, 0), (len(z) // 2, 20, 15), (len(z) - 1, len(y) - 1, len(x) - 1), (3, len(y) - 1, 0)]:
+        depth = chain.space.to_lens([x[i], y[j], z[k]])[2]
+        weight = chain.depth_weights.slab(k, k + 1, GRID.shape[1:])[0, j, i]
+        expected = focus_weight(chain.camera, np.array([depth]), chain.reconstruction.focus_reach)[0]
+        assert weight == pytest.approx(expected, abs=0.02)
+    assert 0 < chain.depth_weights.values.min() < 0.1 < 0.9 < chain.depth_weights.values.max() <= 1
 
 
 def test_it_pickles_and_differs_by_its_map():

@@ -18,6 +18,7 @@ from plenopiv.device.correlation_memory import room
 from plenopiv.device.correlation_windows import block_sums, of_block
 from plenopiv.displacement.agreement import agreement
 from plenopiv.displacement.deformation import DeformedPlanes
+from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.multigrid import OnePair, measure
 from plenopiv.displacement.predictor import fit_spline
 from plenopiv.displacement.settings import CorrelationSettings
@@ -51,6 +52,13 @@ def predictor():
 
 def sparse(volume):
     return SparseVolume.from_mask(volume.grid, volume.values > 1e-3).with_values(volume.values[volume.values > 1e-3])
+
+
+DEPTH = DepthWeights(
+    np.random.default_rng(2).uniform(0.01, 1.0, (SHAPE[0], 3, 2)).astype(np.float32),
+    np.array([0.0, 20.0, 51.0]),
+    np.array([5.0, 40.0]),
+)
 
 
 def compare(one, other, vectors=0.005, different=0):
@@ -117,16 +125,17 @@ def test_windows_of_the_first_pass_are_offset_as_on_the_host(pair, predictor):
     windows = window_grid(SHAPE, (24, 24, 16), 0.5)
     first = predictor.at(*windows.centres) + np.random.default_rng(1).uniform(-1.5, 1.5, (3, *windows.shape))
     first[2, 0] = 9.0  # does not fit
-    host, found = OnePair(*pair).offset(windows, first)
-    device, found_too = correlation.DevicePair(*pair, room(SHAPE, SETTINGS, None)).offset(windows, first)
+    host, found = OnePair(*pair, DEPTH).offset(windows, first)
+    device, found_too = correlation.DevicePair(*pair, DEPTH, room(SHAPE, SETTINGS, None)).offset(windows, first)
     assert 0.2 < found.mean() < 1
     assert (found != found_too).sum() <= 1
     both = found & found_too
     np.testing.assert_allclose(device[:, both], host[:, both], atol=2e-4)
 
 
-def test_a_field_is_the_hosts(pair):
-    compare(measure(*pair, SETTINGS), correlation.measure(*pair, SETTINGS), different=1)
+@pytest.mark.parametrize("depth", [None, DEPTH], ids=["", "weighted by depth"])
+def test_a_field_is_the_hosts(pair, depth):
+    compare(measure(*pair, SETTINGS, depth=depth), correlation.measure(*pair, SETTINGS, depth=depth), different=1)
 
 
 @pytest.mark.full

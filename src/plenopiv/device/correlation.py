@@ -21,6 +21,7 @@ from plenopiv.device.correlation_memory import Room, room
 from plenopiv.device.correlation_offset import discrete_offset
 from plenopiv.device.correlation_windows import Found, How, correlated
 from plenopiv.displacement import multigrid
+from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.multigrid import Progress
 from plenopiv.displacement.peaks import find_peaks
@@ -42,6 +43,7 @@ def measure(
     progress: Progress | None = None,
     solid: Solid | None = None,
     memory: float | None = None,
+    depth: DepthWeights | None = None,
 ) -> DisplacementField:
     """``multigrid.measure`` on the device. ``memory``: bytes of it that may be taken; None for what volumes as a whole
     and large batches take.
@@ -50,14 +52,15 @@ def measure(
         PlenoPIVError: as there; the memory does not suffice for the planes of one layer of windows.
     """
     plan = room(a.grid.shape, settings, memory)
-    return multigrid.measure(a, b, settings, progress, solid, partial(DevicePair, plan=plan))
+    return multigrid.measure(a, b, settings, progress, solid, partial(DevicePair, plan=plan), depth)
 
 
 class DevicePair:
-    """Two volumes on the device, ``both`` as ``Planes`` (``multigrid.Pairs``)."""
+    """Two volumes on the device, ``both`` as ``Planes``, and what their light counts by its depth
+    (``multigrid.Pairs``)."""
 
-    def __init__(self, a: Volume, b: Volume, plan: Room) -> None:
-        self._shape, self._plan = a.grid.shape, plan
+    def __init__(self, a: Volume, b: Volume, depth: DepthWeights | None, plan: Room) -> None:
+        self._shape, self._depth, self._plan = a.grid.shape, depth, plan
         self.both = Planes(a, plan.resident), Planes(b, plan.resident)
 
     def offset(
@@ -65,7 +68,8 @@ class DevicePair:
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """See ``offset.discrete_offset``."""
         _, rows, columns = windows.shape
-        return discrete_offset(*self.both, windows, first, self._plan.batch(windows.size, rows * columns))
+        batch = self._plan.batch(windows.size, rows * columns)
+        return discrete_offset(*self.both, windows, first, batch, self._depth)
 
     def correlated(
         self,
@@ -77,7 +81,7 @@ class DevicePair:
         scatter: bool = False,
     ) -> PassResult:
         """See ``multigrid.correlation_pass``."""
-        batches = WindowPass(windows, predictor, settings, search, self._shape)
+        batches = WindowPass(windows, predictor, settings, search, self._shape, self._depth)
         how, vectors = How.of(batches, scatter), PassVectors(windows)
         spread = np.zeros_like(vectors.moved)
         depth, step = windows.size[0], windows.step[0]
@@ -119,10 +123,13 @@ def _parts(count: int, batch: int) -> Iterator[NDArray[np.int64]]:
         yield np.minimum(np.arange(lo, lo + batch), count - 1)
 
 
-def _of_batch(batches: WindowPass, layer: int, part: NDArray[np.int64], batch: int) -> tuple[jax.Array, jax.Array]:
-    """Corners and cuts of a batch of windows."""
+def _of_batch(batches: WindowPass, layer: int, part: NDArray[np.int64], batch: int) -> tuple[jax.Array, ...]:
+    """Corners, cuts and weights by depth of a batch of windows."""
     cuts = np.zeros((batch, 3, 2), np.float32) if batches.cuts is None else batches.cuts[layer, part]
-    return jnp.asarray(batches.corners[part], jnp.int32), jnp.asarray(cuts, jnp.float32)
+    depth = batches.depth_weights(layer, part)
+    if depth is None:
+        depth = np.ones((batch, batches.windows.size[0]), np.float32)
+    return jnp.asarray(batches.corners[part], jnp.int32), jnp.asarray(cuts, jnp.float32), jnp.asarray(depth)
 
 
 def _take(found: list[Found], layer: int, vectors: PassVectors, spread: NDArray[np.float64]) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.device.correlation_deformation import Planes
+from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.offset import Offsets
 from plenopiv.displacement.offset_kernels import MOVES, find_places, settle
 from plenopiv.displacement.windows import WindowGrid
@@ -23,7 +24,12 @@ _NEIGHBOURS = ((0, 0, 0), (-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -
 
 
 def discrete_offset(
-    a: Planes, b: Planes, windows: WindowGrid, first: NDArray[np.float64], batch: int
+    a: Planes,
+    b: Planes,
+    windows: WindowGrid,
+    first: NDArray[np.float64],
+    batch: int,
+    depth: DepthWeights | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """As ``offset.discrete_offset``; ``batch``: windows at once."""
     offsets = Offsets(windows, first)
@@ -41,6 +47,9 @@ def discrete_offset(
             corners = np.column_stack([np.full(some.size, windows.starts[0][layer] - lo), offsets.corners[some]])
             at, to, fits = find_places(corners, whole[layer, some], np.array(windows.size), (hi - lo, *a.shape[1:]))
             (planes_a, origin), (planes_b, _) = a.slab(lo, tallest), b.slab(lo, tallest)
+            if depth is not None:
+                by_depth = jnp.asarray(depth.slab(origin, origin + len(planes_a), a.shape[1:]))
+                planes_a, planes_b = planes_a * by_depth, planes_b * by_depth
             down = np.array([lo - origin, 0, 0])
             found = [
                 _sums(planes_a, planes_b, at[part] + down, to[part] + down, windows.size)

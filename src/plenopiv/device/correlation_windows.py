@@ -65,14 +65,20 @@ class Found(NamedTuple):
 
 @partial(jax.jit, static_argnames="how")
 def correlated(
-    a: jax.Array, b: jax.Array, corners: jax.Array, cuts: jax.Array, filters: tuple[jax.Array, ...], how: How
+    a: jax.Array,
+    b: jax.Array,
+    corners: jax.Array,
+    cuts: jax.Array,
+    depth: jax.Array,
+    filters: tuple[jax.Array, ...],
+    how: How,
 ) -> Found:
     """Correlate the windows of ``a`` and ``b`` (planes of a layer) whose first rows and columns are ``corners``
-    (batch, 2). ``cuts`` (batch, 3, 2): as for ``WindowCorrelator.spectra``; ``filters``: its factors of the cross
-    spectrum along z, y, x."""
+    (batch, 2). ``cuts`` (batch, 3, 2), ``depth`` (batch, nz): as for ``WindowCorrelator.spectra``; ``filters``: its
+    factors of the cross spectrum along z, y, x."""
     one, two = (windows_at(planes, corners, how.size) for planes in (a, b))
     fades, overlap = fades_and_overlap(cuts, how)
-    first, second, lit = spectra(one, two, fades, how)
+    first, second, lit = spectra(one, two, [fades[0] * depth, *fades[1:]], how)
     cross = jnp.conj(first) * second
     factor = whitened(cross, filters, how)
     near_zero = cropped(jnp.fft.irfftn(cross * factor, how.around, (1, 2, 3)), how.radius)

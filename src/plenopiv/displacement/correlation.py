@@ -79,15 +79,18 @@ class WindowCorrelator:
         b: WindowBatch,
         cuts: NDArray[np.float64] | None = None,
         agreement: NDArray[np.float32] | None = None,
+        depth: NDArray[np.float32] | None = None,
     ) -> Spectra:
         """Transforms of the windows ``a``, ``b``.
 
         ``cuts`` (batch, 3, 2): voxels by which each window is shorter at the low and the high end along z, y, x.
         ``agreement`` (batch, nz, ny, nx): a further factor of w (``displacement.agreement``). It moves with the
-        particles, not with the window, so C leaves it out.
+        particles, not with the window, so C leaves it out. ``depth`` (batch, nz): likewise (``depth_weights``).
         """
         z, y, x, gain = (np.stack(v) for v in zip(*self._each(cuts), strict=True))
         count = a.begin.size
+        if depth is not None:
+            z, y, x = z * depth, *(v if len(v) == count else np.repeat(v, count, 0) for v in (y, x))
         pairs, lit = (
             np.empty((count, 2 * self.around[0] * self.around[2] * self._high), np.float32),
             np.empty(count, bool),

@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.correlation import Spectra
+from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.multigrid import Progress, compressed, multi_grid
 from plenopiv.displacement.offset import summed_offset
@@ -72,6 +73,7 @@ def measure_ensemble(
     settings: CorrelationSettings,
     progress: Progress | None = None,
     solid: Solid | None = None,
+    depth: DepthWeights | None = None,
 ) -> DisplacementField:
     """The displacement field that all ``pairs`` (first volume, second volume) share, in voxels.
 
@@ -80,21 +82,24 @@ def measure_ensemble(
     times as often as the windows' correlations take more than ``PLANES_BYTES``; one pair is held at a time. Memory: a
     pair of volumes and what ``measure`` takes for it, and ``PLANES_BYTES`` at most (or one layer of windows, where that
     takes more) for the correlations, 4 bytes for each displacement that is searched of each window. ``progress``,
-    ``solid``: as for ``measure``.
+    ``solid``, ``depth``: as for ``measure``.
 
     Raises:
         PlenoPIVError: there is no pair, volumes differ in grid, windows do not fit, or nothing is found.
     """
     if not len(pairs):
         raise PlenoPIVError("ensemble correlation: no pairs were given; give one or more")
-    summed = SummedPairs(pairs, settings)
+    summed = SummedPairs(pairs, settings, depth)
     return multi_grid(summed, summed.grid.shape, settings, progress, solid)
 
 
 class SummedPairs:
     """The passes' correlations, summed over pairs (``multigrid.Pairs``)."""
 
-    def __init__(self, pairs: PairsOfVolumes[Volume], settings: CorrelationSettings) -> None:
+    def __init__(
+        self, pairs: PairsOfVolumes[Volume], settings: CorrelationSettings, depth: DepthWeights | None = None
+    ) -> None:
+        self._depth = depth
         self._pairs, self._exponent = pairs, settings.intensity_exponent
         self._brightness: list[tuple[float, float]] = []  # of each pair's volumes
         self.grid: VoxelGrid = pairs[0][0].grid
@@ -129,8 +134,8 @@ class SummedPairs:
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """See ``summed_offset``; progress counts pairs."""
         if progress is None:
-            return summed_offset(self, windows, first)
-        return summed_offset(_Counted(self, progress), windows, first)
+            return summed_offset(self, windows, first, self._depth)
+        return summed_offset(_Counted(self, progress), windows, first, self._depth)
 
     def correlated(
         self,
@@ -142,7 +147,7 @@ class SummedPairs:
         scatter: bool = False,
     ) -> PassResult:
         """As ``correlation_pass``; ``step_done`` counts layers of all pairs."""
-        batches = WindowPass(windows, predictor, settings, search, self.grid.shape)
+        batches = WindowPass(windows, predictor, settings, search, self.grid.shape, self._depth)
         vectors = PassVectors(windows)
         spread = np.zeros_like(vectors.moved)
         count, total = 0, batches.layers * len(self) * (2 if scatter else 1)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.correlation import Spectra
+from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.offset import discrete_offset
 from plenopiv.displacement.predictor import SplineField, fit_spline, smooth_predictor
@@ -50,10 +51,11 @@ class Pairs(Protocol):
 
 @dataclass(frozen=True)
 class OnePair:
-    """Two volumes."""
+    """Two volumes, and what their light counts by its depth."""
 
     a: Volume
     b: Volume
+    depth: DepthWeights | None = None
 
     def correlated(
         self,
@@ -65,13 +67,14 @@ class OnePair:
         scatter: bool = False,
     ) -> PassResult:
         """See ``correlation_pass``."""
-        return correlation_pass(self.a, self.b, windows, predictor, settings, search, step_done, scatter)
+        about = windows, predictor, settings, search, step_done, scatter, self.depth
+        return correlation_pass(self.a, self.b, *about)
 
     def offset(
         self, windows: WindowGrid, first: NDArray[np.float64], progress: Progress | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """See ``discrete_offset``."""
-        return discrete_offset(self.a, self.b, windows, first)
+        return discrete_offset(self.a, self.b, windows, first, self.depth)
 
 
 def correlation_pass(
@@ -83,16 +86,18 @@ def correlation_pass(
     search: float,
     step_done: StepDone | None = None,
     scatter: bool = False,
+    depth: DepthWeights | None = None,
 ) -> PassResult:
     """Correlate all windows of two volumes once.
 
     ``predictor``: displacement by which the volumes are deformed first; the result is its value at the window centres
     plus what the correlation finds. None: volumes as they are. ``settings``: smoothing, taper, whitening and
     agreement. ``search``: largest displacement to find, as a fraction of the window. ``scatter``: whether to estimate
-    the variance as well, at about twice the cost. One layer of windows, and what the next one adds to it, is in memory
+    the variance as well, at about twice the cost. ``depth``: what light counts by its depth.
+    One layer of windows, and what the next one adds to it, is in memory
     at a time; results do not depend on the number of threads (Numba's, ``NUMBA_NUM_THREADS``).
     """
-    batches = WindowPass(windows, predictor, settings, search, a.grid.shape)
+    batches = WindowPass(windows, predictor, settings, search, a.grid.shape, depth)
     vectors = PassVectors(windows)
     spread = np.zeros_like(vectors.moved)
 
@@ -144,14 +149,16 @@ def measure(
     settings: CorrelationSettings,
     progress: Progress | None = None,
     solid: Solid | None = None,
-    pairs: Callable[[Volume, Volume], Pairs] = OnePair,
+    pairs: Callable[[Volume, Volume, DepthWeights | None], Pairs] = OnePair,
+    depth: DepthWeights | None = None,
 ) -> DisplacementField:
     """Displacement field from volume ``a`` to volume ``b``, in voxels.
 
     Passes run from the coarsest windows to the finest (Scarano & Riethmuller 2000; in 3D Elsinga et al. 2006); vectors
     are validated after each, and those of the first measured again by discrete window offset.
     ``progress``: called as (what, done, total). ``solid``: vectors in it are not measured, and no other depends on what
-    the volumes hold in such windows. ``pairs``: what correlates them, by default this processor.
+    the volumes hold in such windows. ``pairs``: what correlates them, by default this processor. ``depth``: what light
+    counts by its depth, None where all counts alike.
     Warns when particles move more than a quarter of the first window;
     raises ``PlenoPIVError`` when the volumes differ in grid, windows do not fit, or nothing is found.
     """
@@ -160,7 +167,7 @@ def measure(
             f"correlation: the volumes differ in grid: {a.grid} and {b.grid}; reconstruct both on the same one"
         )
     a, b = (compressed(volume, settings.intensity_exponent) for volume in (a, b))
-    return multi_grid(pairs(a, b), a.grid.shape, settings, progress, solid)
+    return multi_grid(pairs(a, b, depth), a.grid.shape, settings, progress, solid)
 
 
 def multi_grid(

@@ -21,6 +21,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.offset_kernels import MOVES, add_to, refine, settle
 from plenopiv.displacement.windows import WindowGrid
 from plenopiv.volume import Volume
@@ -30,16 +31,17 @@ Work = Callable[[int, NDArray[np.int64], NDArray[np.int64], Slabs], None]
 
 
 def discrete_offset(
-    a: Volume, b: Volume, windows: WindowGrid, first: NDArray[np.float64]
+    a: Volume, b: Volume, windows: WindowGrid, first: NDArray[np.float64], depth: DepthWeights | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Displacements (3, nz, ny, nx) from ``a`` to ``b`` in voxels, measured between windows offset by the whole voxels
     of ``first`` (same shape), and where (nz, ny, nx) one was found.
 
     ``first`` is kept where no maximum is found within MOVES voxels, and where a window with a margin of one voxel does
     not fit into the volume (never, if windows fill an axis). At the volume's faces both windows are shifted inward by
-    up to an eighth of their size; the vector is then that of the shifted place.
+    up to an eighth of their size; the vector is then that of the shifted place. ``depth``: what light counts by its
+    depth, here where it is in each volume.
     """
-    offsets = Offsets(windows, first)
+    offsets = Offsets(windows, first, depth)
 
     def work(layer: int, part: NDArray, places: NDArray, both: Slabs) -> None:
         vectors, again = offsets.vectors[layer, part], offsets.again[layer, part]
@@ -54,6 +56,7 @@ def summed_offset(
     pairs: Iterable[tuple[Volume, Volume]],
     windows: WindowGrid,
     first: NDArray[np.float64],
+    depth: DepthWeights | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """``discrete_offset`` of the sum over ``pairs``, which are gone through once for each step of a voxel that a window
     moves, ``MOVES`` + 1 times at most.
@@ -61,7 +64,7 @@ def summed_offset(
     Numerators and squared denominators are summed apart: by Cauchy-Schwarz their quotient, too, is highest where b is a
     shifted.
     """
-    offsets = Offsets(windows, first)
+    offsets = Offsets(windows, first, depth)
     whole = np.rint(offsets.vectors[..., ::-1]).astype(np.int64)
     moving, size = np.ones(offsets.again.shape, bool), np.array(windows.size)
     for _ in range(MOVES + 1):
@@ -88,9 +91,9 @@ class Offsets:
     """Vectors that are measured by offset windows: ``vectors`` (layers, windows of a layer, 3) x, y, z, ``again``.
     ``corners`` (windows of a layer, 2): first row and column of each."""
 
-    def __init__(self, windows: WindowGrid, first: NDArray[np.float64]) -> None:
+    def __init__(self, windows: WindowGrid, first: NDArray[np.float64], depth: DepthWeights | None = None) -> None:
         nz, ny, nx = windows.shape
-        self.windows = windows
+        self.windows, self.depth = windows, depth
         self.vectors = np.moveaxis(first, 0, -1).reshape(nz, ny * nx, 3).copy()
         self.again = np.zeros((nz, ny * nx), bool)
         self.corners = np.array(list(product(windows.starts[1].tolist(), windows.starts[2].tolist())))
@@ -114,6 +117,9 @@ class Offsets:
                 if not some.size:
                     continue
                 both, start = (a.slab(lo, hi), b.slab(lo, hi)), int(self.windows.starts[0][layer])
+                if self.depth is not None:
+                    weights = self.depth.slab(lo, hi, both[0].shape[1:])
+                    both = both[0] * weights, both[1] * weights
 
                 def some_of(part: NDArray, layer: int = layer, both: Slabs = both, begin: int = start - lo) -> None:
                     work(layer, part, np.column_stack([np.full(len(part), begin), self.corners[part]]), both)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from plenopiv.displacement.agreement import agreement
 from plenopiv.displacement.correlation import Spectra
 from plenopiv.displacement.deformation import SPLINE_VARIANCE, DeformedPlanes
+from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.peaks import find_peaks
 from plenopiv.displacement.predictor import SplineField
 from plenopiv.displacement.settings import CorrelationSettings
@@ -85,7 +86,7 @@ class WindowPass:
     ``windows``, ``predictor``, ``settings``, ``search``: as for ``multigrid.correlation_pass``. The ``count`` windows
     of a layer are numbered along x, then y; ``batches`` are ranges of them. ``radius``: of the search along z, y, x;
     ``corners`` (count, 2): first row and column of each window; ``cuts`` (layers, count, 3, 2): ``window_cuts``, None
-    without a predictor; ``power``: of the weights by agreement.
+    without a predictor; ``power``: of the weights by agreement; ``depth``: weights by depth, None if all are 1.
     """
 
     def __init__(
@@ -95,9 +96,10 @@ class WindowPass:
         settings: CorrelationSettings,
         search: float,
         shape: tuple[int, int, int],
+        depth: DepthWeights | None = None,
     ) -> None:
         size = windows.size
-        self.windows, self.predictor = windows, predictor
+        self.windows, self.predictor, self.depth = windows, predictor, depth
         self.layers, rows, columns = windows.shape
         self.count = rows * columns
         batch = max(1, _BATCH_VOXELS // int(np.prod(size)))
@@ -112,6 +114,9 @@ class WindowPass:
         if predictor is not None:
             self.cuts = window_cuts(windows, predictor, shape).reshape(self.layers, self.count, 3, 2)
         self.power = 0.0 if predictor is None else settings.agreement
+        self._moved = np.zeros((self.layers, self.count))  # in depth, at the windows' centres
+        if predictor is not None:
+            self._moved = predictor.at(*windows.centres)[2].reshape(self._moved.shape)
 
     @property
     def plane(self) -> tuple[int, int, int]:
@@ -122,6 +127,14 @@ class WindowPass:
     def gain(self, layer: int, part: slice) -> NDArray[np.float32]:
         """As in the ``Spectra`` of these windows; the same for every pair."""
         return self.correlator.gain(None if self.cuts is None else self.cuts[layer, part])
+
+    def depth_weights(self, layer: int, part: slice | NDArray[np.int64]) -> NDArray[np.float32] | None:
+        """Of these windows (batch, nz), the same for every pair; None where all light counts alike."""
+        if self.depth is None:
+            return None
+        size, corners = self.windows.size, self.corners[part]
+        centres = corners + (np.array(size[1:]) - 1) / 2
+        return self.depth.of_windows(int(self.windows.starts[0][layer]), size[0], centres, self._moved[layer, part])
 
     def each_batch(
         self,
@@ -151,7 +164,8 @@ class WindowPass:
                         weights = agreement(*map(np.stack, held)) ** np.float32(self.power)
                     cuts = None if self.cuts is None else self.cuts[layer, part]
                     first, second = (WindowBatch.cut(planes, corners) for planes in (pa, pb))
-                    work(layer, part, self.correlator.spectra(first, second, cuts, weights))
+                    by_depth = self.depth_weights(layer, part)
+                    work(layer, part, self.correlator.spectra(first, second, cuts, weights, by_depth))
 
                 list(pool.map(transform, self.batches))
                 if step_done is not None:

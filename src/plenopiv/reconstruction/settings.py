@@ -27,7 +27,7 @@ class ReconstructionSettings:
     ``threshold`` counts.
     ``threshold``: counts; of the bound, in a pixel that the particle lights wholly in focus. None: from the images, 0.2
     to 0.4 of the typical particle, or three times the noise (``candidates``).
-    ``focus_reach``: up to how many dead zones from focus planes count less in the correlation (``focus``); 0 = none.
+    ``focus_reach``: up to how many dead zones from focus light counts less in the correlation (``focus``); 0 = none.
     ``seed``: of the random order of views.
     """
 
@@ -37,7 +37,7 @@ class ReconstructionSettings:
     weights: Weights = "exact"
     candidates: CandidateRule = "bound"
     threshold: float | None = None
-    focus_reach: float = 1.5
+    focus_reach: float = 2.0
     seed: int = 0
 
     def through(self, blur_pitches: float) -> ReconstructionSettings:

@@ -1,0 +1,70 @@
+"""How much light counts in the correlation by its depth, without a pull on displacements.
+
+A weight that is fixed in space bends the profile of a particle that is long in depth: where the weight rises, it shows
+more of the far side. In both volumes alike, wherever the particle is, so that its two images lie nearer to each other
+than it moved; of a weight z^2 and a Gaussian of standard deviation s, by 1/(1 + 2 s^2/z^2). Weights are therefore those
+of the *deformed* windows, where the images of a particle coincide, the same for both:
+
+    g(z) = sqrt(g(z - d/2) g(z + d/2))
+
+with d the displacement in depth at the window's centre. They shift no peak, and light counts little where it is in
+either volume at a depth of little weight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class DepthWeights:
+    """``values`` (nz, rows, columns), above 0: of each plane of voxels, at the places ``y`` (rows,) and ``x``
+    (columns,) in voxels, ascending; linear between them, beyond them as at the outermost."""
+
+    values: NDArray[np.float32]
+    y: NDArray[np.float64]
+    x: NDArray[np.float64]
+
+    def slab(self, lo: int, hi: int, shape: tuple[int, int]) -> NDArray[np.float32]:
+        """Of planes ``lo`` <= k < ``hi`` of the volume with ``shape`` (ny, nx): (hi - lo, ny, nx), or (hi - lo, 1, 1)
+        where all of a plane count alike."""
+        if self.values[0].size == 1:
+            return self.values[lo:hi]
+        ny, nx = shape
+        along_x = np.einsum("krc,xc->krx", self.values[lo:hi], _between(np.arange(nx), self.x))
+        return np.einsum("krx,yr->kyx", along_x, _between(np.arange(ny), self.y)).astype(np.float32)
+
+    def of_windows(
+        self, first: int, depth: int, centres: NDArray[np.float64], moved: NDArray[np.float64]
+    ) -> NDArray[np.float32]:
+        """Of the planes ``first`` to ``first + depth`` of windows whose ``centres`` (n, 2) are at y, x voxels, and
+        whose light ``moved`` (n,) voxels in depth between the volumes: (n, depth)."""
+        if self.values[0].size == 1:
+            of_each = np.broadcast_to(self.values[:, 0, 0], (len(centres), len(self.values)))
+        else:
+            shares = _between(centres[:, 0], self.y), _between(centres[:, 1], self.x)
+            of_each = np.einsum("nr,nc,krc->nk", *shares, self.values)
+        out = np.ones((len(centres), depth))
+        for side in (-0.5, 0.5):
+            place = np.clip(first + np.arange(depth) + side * moved[:, None], 0, len(self.values) - 1)
+            below = np.minimum(place.astype(np.int64), max(len(self.values) - 2, 0))
+            above = np.minimum(below + 1, len(self.values) - 1)
+            here = np.take_along_axis(of_each, below, 1)
+            out *= here + (place - below) * (np.take_along_axis(of_each, above, 1) - here)
+        return np.sqrt(out).astype(np.float32)
+
+
+def _between(at: NDArray, knots: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Shares (n, knots) of a linear interpolation at each of ``at`` (n,)."""
+    out = np.zeros((len(at), len(knots)))
+    if len(knots) == 1:
+        return out + 1.0
+    place = np.clip(np.interp(at, knots, np.arange(len(knots))), 0, len(knots) - 1)
+    below = np.minimum(place.astype(np.int64), len(knots) - 2)
+    rows = np.arange(len(at))
+    out[rows, below] = below + 1 - place
+    out[rows, below + 1] = place - below
+    return out
