@@ -49,15 +49,17 @@ def test_filtered_windows_multiply_to_the_correlation(whitening):
         np.testing.assert_allclose(product, expected[:, k + 3, j + 4, i + 3], rtol=1e-3, atol=1e-5 * expected.max())
 
 
-def test_variance_is_the_jackknife_of_the_peak_fit():
-    """Against blocks cut out and peaks fitted one by one, in plain Python; the second window is cut at the volume."""
+@pytest.mark.parametrize("part", [1.0, 0.5, 1e-3])
+def test_variance_is_the_jackknife_of_the_peak_fit(part):
+    """Against blocks cut out, or counting less, and peaks fitted one by one, in plain Python; the second window is cut
+    at the volume."""
     correlator = ScatterCorrelator(SIZE, (2, 3, 2), variance=0.4, whitening=0.5, taper=2.0)
     a, b = noisy_windows(1)
     cuts = np.zeros((2, 3, 2))
     cuts[1, 2] = 3.0, 1.2
     spectra = correlator.spectra(WindowBatch.of(a), WindowBatch.of(b), cuts)
     slanted = np.array([[1.3, 0.2, -0.4], [0.1, 1.1, 0.0], [-0.5, 0.3, 1.7]])
-    got = correlator.variance(spectra, np.array([[1, 2, 0]] * 2), np.array([slanted] * 2))
+    got = correlator.variance(spectra, np.array([[1, 2, 0]] * 2), np.array([slanted] * 2), part)
     fa, fb = np.moveaxis(correlator.filtered(spectra), 1, 0)[..., : SIZE[1], : SIZE[2]].astype(float)
     blocks = [max(1, min(4, n // thinnest)) for n, thinnest in zip(SIZE, (12, 4, 4), strict=True)]
     edges = [np.arange(n) * count // n for n, count in zip(SIZE, blocks, strict=True)]
@@ -70,19 +72,20 @@ def test_variance_is_the_jackknife_of_the_peak_fit():
             pairs = [np.roll(fa[w], -step, (0, 1, 2)) * moved, fa[w] * moved, fa[w] * np.roll(moved, -step, (0, 1, 2))]
             gains = [spectra.gain[w][tuple(np.array([3, 4, 3]) + shift + s * step)] for s in (-1, 0, 1)]
             for number, block in enumerate(np.ndindex(*blocks)):
-                kept = np.ones(SIZE, bool)
-                kept[np.ix_(*(e == n for e, n in zip(edges, block, strict=True)))] = False
-                sums = (g * p[kept].sum() for g, p in zip(gains, pairs, strict=True))
+                kept = np.ones(SIZE)
+                kept[np.ix_(*(e == n for e, n in zip(edges, block, strict=True)))] = 1 - part
+                sums = (g * (p * kept).sum() for g, p in zip(gains, pairs, strict=True))
                 found[number, component] = gaussian_offset(*sums)
         found = found @ slanted.T
-        expected = (1 - 1 / len(found)) * np.square(found - found.mean(0)).sum(0)
+        n = len(found)
+        expected = n / (n - 1) * ((1 - part / n) / part) ** 2 * np.square(found - found.mean(0)).sum(0)
         np.testing.assert_allclose(got[w], expected, rtol=1e-3)
 
 
 def test_jackknife_of_blocks_that_agree_is_zero():
     sums = np.tile([4.0, 2.0, 2.5, 2.0, 2.0, 1.0, 2.0], (1, 64, 1))
     out = np.ones((1, 3))
-    jackknife_variance(sums, np.eye(3)[None], out)
+    jackknife_variance(sums, np.eye(3)[None], 1.0, out)
     np.testing.assert_allclose(out, 0, atol=1e-12)
 
 

@@ -13,6 +13,7 @@ from plenopiv.cameras.space_map import PLACE_POWERS, ViewShift
 from plenopiv.chain import Chain
 from plenopiv.lattice import Lattice
 from plenopiv.lightfield import layout
+from plenopiv.projection.plenoptic.geometry import CameraOnGrid
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.sensor import Sensor
 from plenopiv.volume import SparseVolume, VoxelGrid
@@ -61,6 +62,15 @@ def test_light_that_falls_a_voxel_aside_is_that_of_the_next_voxel(where, weights
     expected = plain.forward(views, volume(move=move))
     np.testing.assert_allclose(moved.forward(views, volume()), expected, atol=2e-3 * expected.max())
     assert np.abs(plain.forward(views, volume()) - expected).max() > 0.05 * expected.max()
+
+
+def test_places_of_lenses_are_moved_by_the_polynomial_of_each_view(where):
+    shifts = np.random.default_rng(4).normal(0, 1e-2, (where.views, len(PLACE_POWERS), 2)).astype(np.float32)
+    moved = CameraOnGrid(where, GRID, shifts)
+    for view in (0, where.views // 2):
+        for (s, t), place in zip(moved.lens_mm[::7], moved.places_mm(view)[::7], strict=True):
+            beside = sum(shifts[view, k] * s**p * t**q for k, (p, q) in enumerate(PLACE_POWERS))
+            np.testing.assert_allclose(place, np.array([s, t]) - beside, atol=1e-6)
 
 
 def test_forward_and_back_stay_transposes(where):

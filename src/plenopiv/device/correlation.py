@@ -28,7 +28,7 @@ from plenopiv.displacement.peaks import find_peaks
 from plenopiv.displacement.predictor import SplineField
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.solid import Solid
-from plenopiv.displacement.uncertainty import jackknife_variance
+from plenopiv.displacement.uncertainty import jackknife_variance, part_left_out
 from plenopiv.displacement.window_pass import PassResult, PassVectors, StepDone, WindowPass
 from plenopiv.displacement.windows import WindowGrid
 from plenopiv.volume import Volume
@@ -90,15 +90,16 @@ class DevicePair:
             for planes, share in zip(self.both, (-0.5, 0.5), strict=True)
         )
         filters = tuple(jnp.asarray(each) for each in batches.correlator.filters)
+        take = partial(_take, vectors=vectors, spread=spread, part=part_left_out(settings))
         waiting = dict[int, list[Found]]()
         for layer, start in enumerate(windows.starts[0].tolist()):
             planes = a.layer(start), b.layer(start)
             waiting[layer] = self.layer(batches, layer, planes, filters, how)
             if layer:  # while the device computes this layer
-                _take(waiting.pop(layer - 1), layer - 1, vectors, spread)
+                take(waiting.pop(layer - 1), layer - 1)
                 if step_done is not None:
                     step_done(layer, batches.layers)
-        _take(waiting.pop(batches.layers - 1), batches.layers - 1, vectors, spread)
+        take(waiting.pop(batches.layers - 1), batches.layers - 1)
         if step_done is not None:
             step_done(batches.layers, batches.layers)
         return vectors.result(predictor, spread if scatter else None)
@@ -132,13 +133,13 @@ def _of_batch(batches: WindowPass, layer: int, part: NDArray[np.int64], batch: i
     return jnp.asarray(batches.corners[part], jnp.int32), jnp.asarray(cuts, jnp.float32), jnp.asarray(depth)
 
 
-def _take(found: list[Found], layer: int, vectors: PassVectors, spread: NDArray[np.float64]) -> None:
-    """Fit the peaks of a layer of windows, and their variance where blocks were summed."""
+def _take(found: list[Found], layer: int, vectors: PassVectors, spread: NDArray[np.float64], part: float) -> None:
+    """Fit the peaks of a layer of windows, and their variance where blocks were summed (``jackknife_variance``)."""
     count = vectors.found.shape[1]
     whole: dict[str, Any] = {}
     for name in Found._fields:
         parts = [getattr(each, name) for each in found]
-        whole[name] = None if parts[0] is None else np.concatenate([np.asarray(part) for part in parts])[:count]
+        whole[name] = None if parts[0] is None else np.concatenate([np.asarray(each) for each in parts])[:count]
     moved, ratio, fitted = np.zeros((count, 3)), np.zeros(count, np.float32), np.zeros(count, bool)
     place, untilt = np.zeros((count, 3), np.int64), np.zeros((count, 3, 3))
     find_peaks(whole["near"], _ALONE, moved, ratio, fitted, place, untilt)  # of one voxel: the middle
@@ -146,5 +147,5 @@ def _take(found: list[Found], layer: int, vectors: PassVectors, spread: NDArray[
     vectors.moved[layer] = np.where(whole["lit"][:, None], moved + whole["place"], 0.0)
     if whole["sums"] is not None:
         variance = np.zeros((count, 3))
-        jackknife_variance(whole["sums"].astype(np.float64), untilt, variance)
+        jackknife_variance(whole["sums"].astype(np.float64), untilt, part, variance)
         spread[layer] = variance

@@ -17,7 +17,7 @@ counts by the number of its particles.
 
 *Standard deviation.* Errors of particles are independent between blocks of a window and between pairs. What a pair has
 of its own (a flow that fluctuates) is common to all its blocks; what a place has of its own (a gradient that
-deformation has left) is common to all pairs. The delete-one variance over blocks, summed over pairs, has the last, that
+deformation has left) is common to all pairs. The jackknife variance over blocks, summed over pairs, has the last, that
 over pairs the other, and both have the particles'. With the variance over blocks of single pairs, which has these
 alone,
 
@@ -46,7 +46,13 @@ from plenopiv.displacement.offset import summed_offset
 from plenopiv.displacement.predictor import SplineField
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.solid import Solid
-from plenopiv.displacement.uncertainty import add_left_out, around_peaks, delete_one, jackknife_variance
+from plenopiv.displacement.uncertainty import (
+    add_left_out,
+    around_peaks,
+    jackknife_variance,
+    part_left_out,
+    variance_of,
+)
 from plenopiv.displacement.window_pass import PassResult, PassVectors, StepDone, WindowPass
 from plenopiv.displacement.windows import WindowGrid
 from plenopiv.errors import PlenoPIVError
@@ -99,7 +105,7 @@ class SummedPairs:
     def __init__(
         self, pairs: PairsOfVolumes[Volume], settings: CorrelationSettings, depth: DepthWeights | None = None
     ) -> None:
-        self._depth = depth
+        self._depth, self._part = depth, part_left_out(settings)
         self._pairs, self._exponent = pairs, settings.intensity_exponent
         self._brightness: list[tuple[float, float]] = []  # of each pair's volumes
         self.grid: VoxelGrid = pairs[0][0].grid
@@ -205,7 +211,7 @@ class SummedPairs:
             own = correlator.contributions(spectra, peaks.place[here])
             own[~spectra.lit] = 0.0
             sums[here] += own
-            about = peaks.total[here], peaks.untilt[here]
+            about = peaks.total[here], peaks.untilt[here], self._part
             add_left_out(own, *about, of_cells[here])
             add_left_out(own.sum(1, keepdims=True), *about, of_pairs[here])
 
@@ -214,8 +220,9 @@ class SummedPairs:
             del pair
         for layer in range(len(layers)):
             variance = np.zeros((batches.count, 3))
-            jackknife_variance(sums[layer], peaks.untilt[layer], variance)
-            more = delete_one(of_pairs[layer], len(self)) - delete_one(of_cells[layer], len(self) * blocks)
+            jackknife_variance(sums[layer], peaks.untilt[layer], self._part, variance)
+            more = variance_of(of_pairs[layer], len(self), self._part)
+            more -= variance_of(of_cells[layer], len(self) * blocks, self._part)
             if len(self) > 1:
                 variance += np.maximum(more, 0.0)
             spread[layers.start + layer] = variance

@@ -19,7 +19,7 @@ from plenopiv.displacement.predictor import SplineField, fit_spline, smooth_pred
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.solid import Solid
 from plenopiv.displacement.sub_windows import average_sub_windows
-from plenopiv.displacement.uncertainty import standard_deviation
+from plenopiv.displacement.uncertainty import part_left_out, standard_deviation
 from plenopiv.displacement.validation import find_outliers, replace_invalid
 from plenopiv.displacement.window_pass import PassResult, PassVectors, StepDone, WindowPass
 from plenopiv.displacement.windows import WindowGrid, window_grid
@@ -99,13 +99,13 @@ def correlation_pass(
     """
     batches = WindowPass(windows, predictor, settings, search, a.grid.shape, depth)
     vectors = PassVectors(windows)
-    spread = np.zeros_like(vectors.moved)
+    spread, left_out = np.zeros_like(vectors.moved), part_left_out(settings)
 
     def work(layer: int, part: slice, spectra: Spectra) -> None:
         correlation = batches.correlator.correlation(spectra)
         place, untilt = vectors.fit(layer, part, correlation, spectra.gain, spectra.lit)
         if scatter:
-            spread[layer, part] = batches.correlator.variance(spectra, place, untilt)
+            spread[layer, part] = batches.correlator.variance(spectra, place, untilt, left_out)
 
     batches.each_batch(a, b, work, step_done=step_done)
     return vectors.result(predictor, spread if scatter else None)
