@@ -124,6 +124,19 @@ def test_white_image_and_frames_flipped_against_each_other(recording, way, which
     assert ("a.tif" in fault.words) == (which != "one frame")
 
 
+def test_what_little_light_falls_beside_the_volume_says_nothing(recorded):
+    """It lights one side of the micro-images: blocks of it seem to lie pixels off the white image's."""
+    folder = recorded("hexagonal")
+    frame, white = (tifffile.imread(folder / f"{name}.tif") - 60.0 for name in ("a", "white"))
+    frame, width = np.tile(frame, (1, 3)), frame.shape[1]
+    white = np.tile(white, (1, 3))
+    frame[:, width:] = 0.08 * np.roll(frame[:, width:], 5, 1)
+    found = fit(frame, white, 14.04)
+    assert finding(found, "a.tif").severity == "good"
+    assert found.shift_px < 0.2
+    assert 0 < len(found.shifts_px) == len(found.centres_px) < 9
+
+
 @pytest.mark.parametrize("kind", [pytest.param("square", marks=pytest.mark.full), "hexagonal"])
 @pytest.mark.parametrize("way", TURNS)
 def test_turns_of_a_square_sensor(recorded, kind, way):

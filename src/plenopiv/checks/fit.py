@@ -4,7 +4,8 @@ Whatever the flow, particles light only pixels under microlenses: summed over ma
 of the white image, gaps between micro-images dark. Both images without their slowly varying part are correlated in
 blocks of some microlenses, within half a pitch around no shift. ``agreement`` is the correlation at no shift over the
 highest one, summed over the blocks: 1 where the frame's microlenses are the white image's, near 0 or negative where
-they lie elsewhere.
+they lie elsewhere. Blocks beside the lit volume are left out: what light they get comes from far out of focus and from
+one side, and lights one side of every micro-image.
 
 Repeated with the white image turned and mirrored, the comparison shows in which orientation one of them was saved. It
 cannot where the lattice is the same after the turn, to a fraction of a pixel; then all views are the same, too.
@@ -24,6 +25,7 @@ from plenopiv.checks.findings import Finding
 
 BLOCK = 20.0  # pitches
 MOST_BLOCKS = 64
+LIT = 0.2  # of the light of the brightest block: with less, a block is beside the lit volume
 FITS = 0.75  # agreement: above, the lattice is the frame's; one pixel of 14 off leaves 0.63
 CLEARLY = 0.92  # and of the orientation that is named instead
 MOVED_PX = 0.4  # median shift that is worth a warning; noise makes up to 0.1
@@ -46,8 +48,8 @@ class Fit:
     """How a frame's microlenses lie to the white image's.
 
     ``agreement`` by the way in which the white image was turned; ``visible`` the correlation coefficient at the highest
-    place; ``centres_px`` (n, 2) columns and rows of blocks and ``shifts_px`` (n, 2) by how much the frame's pattern is
-    off there to the right and down, within half a pitch.
+    place; ``centres_px`` (n, 2) columns and rows of lit blocks and ``shifts_px`` (n, 2) by how much the frame's pattern
+    is off there to the right and down, within half a pitch.
     """
 
     agreement: dict[str, float]
@@ -78,6 +80,7 @@ def fits(
     blocks = _blocks(frames[0].shape, pitch_px)
     cut = partial(_pattern, side=blocks.side, pitch_px=pitch_px, black_level=black_level)
     light = [[cut(frame, corner, most=3.0) for corner in blocks.corners] for frame in frames]
+    lit = np.array([blocks.lit(frame, black_level) for frame in frames])
     agreement: list[dict[str, float]] = [{} for _ in frames]
     visible, shifts = np.zeros(len(frames)), np.zeros((len(frames), len(blocks.corners), 2))
     for name in turns:
@@ -87,7 +90,8 @@ def fits(
         sums = np.zeros((3, len(frames)))  # at no shift, at the highest place, and what that could be
         for k, corner in enumerate(blocks.corners):
             lens = cut(turned, corner, most=1.0)
-            for n, parts in enumerate(light):
+            for n in np.flatnonzero(lit[:, k]).tolist():
+                parts = light[n]
                 at, top, shift = _correlated(parts[k], lens, pitch_px)
                 sums[:, n] += at, top, parts[k].norm * lens.norm
                 if name == "as it is":
@@ -96,7 +100,8 @@ def fits(
             agreement[n][name] = float(here / highest) if highest > 0 else 0.0
             visible[n] = max(visible[n], highest / weight if weight > 0 else 0.0)
     centres = np.array([(c + blocks.side / 2, r + blocks.side / 2) for r, c in blocks.corners])
-    return [Fit(a, float(v), centres, s) for a, v, s in zip(agreement, visible, shifts, strict=True)]
+    found = zip(agreement, visible, shifts, lit, strict=True)
+    return [Fit(a, float(v), centres[here], s[here]) for a, v, s, here in found]
 
 
 def finding(found: Fit, name: str) -> Finding:
@@ -148,6 +153,11 @@ def finding(found: Fit, name: str) -> Finding:
 class _Blocks:
     side: int
     corners: list[tuple[int, int]]
+
+    def lit(self, frame: NDArray, black_level: float) -> NDArray[np.bool_]:
+        """Which blocks have light of the volume."""
+        light = np.array([float(frame[r : r + self.side, c : c + self.side].mean()) for r, c in self.corners])
+        return (light - black_level >= LIT * (light.max() - black_level)) | (light == light.max())
 
 
 def _blocks(shape: tuple[int, int], pitch_px: float) -> _Blocks:

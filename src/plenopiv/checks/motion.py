@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from plenopiv.checks.findings import Finding
 from plenopiv.lightfield import LightField
-from plenopiv.reconstruction.focus import focus_weight
 from plenopiv.refocusing import image_axes, refocused
 
 STEPS = 2  # pictures' pixels per microlens
@@ -24,7 +23,7 @@ PLANES = 24  # at most
 WINDOW = 14  # microlenses
 CLEAR = 0.25  # correlation coefficient from which a peak is accepted; frames of two flows reach 0.16
 SLOW = 0.7  # microlenses: what is more blurred is left out
-REACH = 1.5  # dead zones within which planes count less, as in the correlation of volumes
+REACH = 1.5  # dead zones within which planes count less: they show the microlenses
 EVERY = 3  # of the views; neighbours see nearly the same
 
 
@@ -66,7 +65,8 @@ def stack(lightfield: LightField, x: NDArray, y: NDArray, z: NDArray, every: int
     views = range(0, lightfield.layout.views, every)
     pictures = np.nan_to_num(np.array([refocused(lightfield, float(depth), x, y, views) for depth in z], np.float64))
     pictures = np.sqrt(np.maximum(pictures, 0.0))  # a few bright particles count no more than the others
-    weight = focus_weight(lightfield.layout.camera, z, REACH)[:, None, None]
+    below, above = lightfield.layout.camera.dead_zone_mm()
+    weight = np.minimum(np.abs(z) / (REACH * np.where(z < 0, -below, above)), 1.0)[:, None, None] ** 2
     return weight * (pictures - gaussian_filter(pictures, (0, SLOW * STEPS, SLOW * STEPS)))
 
 
