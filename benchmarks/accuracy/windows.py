@@ -2,11 +2,11 @@
 
     python benchmarks/accuracy/windows.py [NAME ...] [--pairs N] [--out DIR] [--again] [--simulate-only]
 
-The camera of conditions.py's ``base``, twice as high, before 10, 60 and 100 mm of water and 10 mm of glass, straight and
-turned by 2 degrees; rays are traced through all of it, and the file states what is there. The flow is a shear of all
-components, which windows resolve: slopes are the camera's, not the windows'. It, the volume and the voxels are those of
-the case in air seen through the window: depths longer by the refractive index, the middle where the camera's axis meets
-z = 0. So all cases move as many voxels, and errors in voxels compare.
+The camera of conditions.py's ``base``, twice as high, before 10, 60 and 100 mm of water and 10 mm of glass, straight
+and turned by 2 degrees; rays are traced through all of it, and the file states what is there. The flow is a shear of
+all components, which windows resolve: slopes are the camera's, not the windows'. It, the volume and the voxels are
+those of the case in air seen through the window: depths longer by the refractive index, the middle where the camera's
+axis meets z = 0. So all cases move as many voxels, and errors in voxels compare.
 
 A recording is made once and kept in DIR/NAME. Results are added to windows.json: RMS and bias along x, y, z in voxels,
 share of gross errors and of answered vectors, the slope of measured on true displacement with its standard deviation,

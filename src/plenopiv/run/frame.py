@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 from numpy.typing import NDArray
 
@@ -20,11 +20,16 @@ from plenopiv.reconstruction.reconstruct import Reconstruction
 from plenopiv.recording import ImageSource, Recording
 from plenopiv.run.inputs import frame_entry, of_image
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
 Progress = Callable[[str, int, int], None]
-Taken = TypeVar("Taken", bound="DataclassInstance")
+
+
+class OfAFrame(Protocol):
+    """A dataclass of a frame, with the field ``warned``: what was warned of while it was made."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+
+Taken = TypeVar("Taken", bound=OfAFrame)
 
 
 @dataclass(frozen=True)
@@ -89,8 +94,7 @@ def reconstructed(chain: Chain, recording: Recording, number: int, progress: Pro
 
 
 def taken_or_lost(recording: Recording, number: int, take: Callable[[], Taken]) -> Taken | LostFrame:
-    """What ``take`` makes of frame ``number`` (from 0), a dataclass with the field ``warned``, and there what was
-    warned of meanwhile; or why the frame is lost.
+    """What ``take`` makes of frame ``number`` (from 0), with what was warned of meanwhile; or why the frame is lost.
 
     Raises:
         PlenoPIVError: its file is gone since the run began: others will be too, and the cause can be removed.
