@@ -179,7 +179,7 @@ def test_focus_is_where_the_lens_has_it():
         weight = chain.depth_weights.slab(k, k + 1, GRID.shape[1:])[0, j, i]
         expected = focus_weight(chain.camera, np.array([depth]), chain.reconstruction.focus_reach)[0]
         assert weight == pytest.approx(expected, abs=0.02)
-    assert 0 < chain.depth_weights.values.min() < 0.1 < 0.9 < chain.depth_weights.values.max() <= 1
+    assert 0 < chain.depth_weights.values.min() < 0.5 * chain.depth_weights.values.max()
 
 
 def test_it_pickles_and_differs_by_its_map():

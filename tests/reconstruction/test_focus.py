@@ -6,11 +6,11 @@ from oracles.cameras import small_camera
 from plenopiv.reconstruction.focus import LEAST, focus_weight
 
 
-def test_weight_grows_from_half_the_reach_to_one_at_the_reach():
+def test_weight_grows_from_focus_to_one_at_the_reach():
     camera = small_camera("hexagonal")
     below, above = camera.dead_zone_mm()
-    z = np.array([0.0, 1.5 * above, 2.25 * above, 3 * above, 5 * above, 2.25 * below, 3 * below, -4.0])
-    np.testing.assert_allclose(focus_weight(camera, z, 3.0), [LEAST, LEAST, 0.5, 1, 1, 0.5, 1, 1], rtol=1e-6)
+    z = np.array([0.0, 0.75 * above, 1.5 * above, 3 * above, 5 * above, 0.75 * below, 3 * below, -4.0])
+    np.testing.assert_allclose(focus_weight(camera, z, 3.0), [LEAST, 0.125, 0.5**1.5, 1, 1, 0.125, 1, 1], rtol=1e-6)
     assert (focus_weight(camera, z, 0.0) == 1).all()
 
 

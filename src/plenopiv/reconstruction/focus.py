@@ -5,9 +5,9 @@ fixed place and through all of the zone, not the particle. Such blobs repeat fro
 microlenses and pull every window that holds them toward zero displacement or a multiple of the pitch. Beyond the zone
 the blur |A| P_m spans |z|/z0 microlenses, and that many places of its edge tell where the particle is.
 
-What is correlated is therefore weighed by 0 up to half the reach, and by 2 |z| / (reach z0) - 1 from there to the
-reach: with the reach of 2, nothing within the dead zone counts, and all from two of them on
-(docs/decisions/0012, with the measurements). ``displacement.depth_weights`` says how, so that nothing is pulled.
+What is correlated is therefore weighed by (|z| / (reach z0))^1.5 up to the reach of two dead zones. Steeper weights do
+more where light is plenty, and less where much of it is lost (docs/decisions/0012, with the measurements).
+``displacement.depth_weights`` says how, so that nothing is pulled.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 
+POWER = 1.5
 LEAST = 1e-3  # in focus: windows of nothing else still have a vector
 
 
@@ -27,4 +28,4 @@ def focus_weight(camera: PlenopticCamera, z_mm: NDArray[np.float64], reach: floa
         return np.ones(z_mm.shape, np.float32)
     below, above = camera.dead_zone_mm()
     depth = np.abs(z_mm) / np.where(z_mm < 0, -below, above)  # in dead zones
-    return np.clip(2 * depth / reach - 1, LEAST, 1).astype(np.float32)
+    return np.clip((depth / reach) ** POWER, LEAST, 1).astype(np.float32)
