@@ -91,17 +91,23 @@ def weights(pair: Pair) -> dict[str, NDArray[np.float32]]:
     return {name: weight.astype(np.float32) for name, weight in found.items()}
 
 
+def planes_scaled(volume: SparseVolume, weight: NDArray[np.float32]) -> SparseVolume:
+    """The same voxels, those of plane k times ``weight[k]`` (nz,)."""
+    listed = np.diff(volume.row_start[:: volume.grid.shape[1]])
+    return volume.with_values(volume.values * np.repeat(weight.astype(np.float32), listed))
+
+
 def quality(pair: Pair, weight: NDArray[np.float32]) -> float:
     """Q of the first frame against Gaussians of 3 voxels, its planes multiplied by ``weight``."""
     particles = pair.particles[0]
     exact = exact_volume(particles.position_mm, particles.electrons, pair.measurement.grid)
-    return reconstruction_quality(pair.frames[0].volume.with_planes_scaled(weight), exact)
+    return reconstruction_quality(planes_scaled(pair.frames[0].volume, weight), exact)
 
 
 def displaced(pair: Pair, weight: Array) -> xr.Dataset:
     """The velocity field of a pair, planes multiplied by ``weight`` (nz,) alone."""
     unweighted = replace(pair.chain, reconstruction=replace(pair.chain.reconstruction, focus_reach=0.0))
-    a, b = (frame.volume.with_planes_scaled(weight) for frame in pair.frames)
+    a, b = (planes_scaled(frame.volume, weight) for frame in pair.frames)
     return unweighted.velocity(a, b, DT_S)
 
 

@@ -1,12 +1,13 @@
 """The whole loop on particles of known displacement: signs, accuracy, gradients, resolution, forms of volume."""
 
 import warnings
+from dataclasses import replace
 
 import numba
 import numpy as np
 import pytest
 
-from plenopiv.displacement import window_pass
+from plenopiv.displacement import multigrid, window_pass
 from plenopiv.displacement.multigrid import correlation_pass, measure
 from plenopiv.displacement.predictor import fit_spline
 from plenopiv.displacement.settings import CorrelationSettings
@@ -278,3 +279,27 @@ def test_progress_counts_every_layer(small_pair):
     assert told[0] == ("correlation pass 1 of 4", 1, 2)
     layers = window_grid((40, 48, 56), SMALL.sub_window, SMALL.inner_overlap).shape[0]
     assert told[-1] == ("correlation pass 4 of 4", layers, layers)
+
+
+def test_volumes_that_have_nothing_in_common_give_a_field_that_says_so(particle_pair, uniform_flow):
+    """A few windows that all disagree, none of them valid in one of the passes."""
+    settings = CorrelationSettings(windows=((24, 24, 24),), inner_window=(24, 24, 24), outlier_threshold=0.5)
+    a, _ = particle_pair((48, 48, 48), uniform_flow((0, 0, 0)), 10 / 32**3, (1.0, 1.0, 1.0), seed=1)
+    b, _ = particle_pair((48, 48, 48), uniform_flow((0, 0, 0)), 10 / 32**3, (1.0, 1.0, 1.0), seed=2)
+    field = measure(a, b, replace(settings, outlier_floor_voxels=1e-3))
+    assert field.valid.mean() < 0.3
+    assert np.isfinite(field.displacement).all()
+    assert np.isfinite(field.std).all()
+
+
+def test_without_a_valid_vector_all_are_the_median_of_those_measured():
+    displacement = np.random.default_rng(1).normal(0, 9, (3, 2, 2, 2))
+    found = np.ones((2, 2, 2), bool)
+    found[0, 0, 0] = False
+    result = window_pass.PassResult(displacement, found, np.ones((2, 2, 2), np.float32))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(multigrid, "find_outliers", lambda d, measured, *_: measured)
+        valid, replaced = multigrid._validated(result, CUBES)
+    assert not valid.any()
+    expected = np.median(displacement.reshape(3, 8)[:, 1:], axis=1)
+    np.testing.assert_array_equal(replaced, np.broadcast_to(expected[:, None, None, None], displacement.shape))

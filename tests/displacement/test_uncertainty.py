@@ -198,3 +198,10 @@ def test_variance_only_when_asked_and_empty_windows_are_finite():
         result = correlation_pass(empty, empty, grid, None, CUBES, 0.3, scatter=True)
     assert not result.found.any()
     assert np.isfinite(result.variance).all()
+
+
+def test_where_no_vector_is_valid_bars_are_those_of_what_was_measured():
+    grid = window_grid((96, 96, 96), (32, 32, 32), 0.5)
+    d, none = np.zeros((3, *grid.shape)), np.zeros(grid.shape, bool)
+    std = standard_deviation(d, none, np.full(d.shape, 0.01**2), grid, CUBES)
+    np.testing.assert_allclose(std, 0.01 * noise_amplification(grid, CUBES).gain ** 0.5)

@@ -211,18 +211,22 @@ def multi_grid(
 def _validated(
     result: PassResult, settings: CorrelationSettings, closed: NDArray[np.bool_] | None = None
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Which vectors are valid, and the displacement with the others replaced. ``closed`` windows (nz, ny, nx), in a
-    solid body, count as if they held no light."""
+    """Which vectors are valid, and the displacement with the others replaced: by the median of those measured, if none
+    is valid, as of frames that do not belong together. ``closed`` windows (nz, ny, nx), in a solid body, count as if
+    they held no light."""
     threshold, floor = settings.outlier_threshold, settings.outlier_floor_voxels
     measured = result.found if closed is None else result.found & ~closed
     valid = measured & ~find_outliers(result.displacement, measured, threshold, floor)
+    if measured.any() and not valid.any():
+        middle = np.median(result.displacement[:, measured], axis=1)
+        return valid, np.broadcast_to(middle[:, None, None, None], result.displacement.shape).copy()
     return valid, replace_invalid(result.displacement, valid)
 
 
 def _warn_if_far(displacement: NDArray, valid: NDArray, settings: CorrelationSettings) -> None:
     """Warn of displacements above a quarter of the first window (Keane & Adrian 1992): peaks may then be wrong."""
     for component, name, n in zip(displacement, "xyz", settings.windows[0], strict=True):
-        largest = float(np.abs(component[valid]).max())
+        largest = float(np.abs(component[valid]).max(initial=0.0))
         if largest > n / 4:
             warnings.warn(
                 f"correlation.windows: displacement along {name} reaches {largest:.1f} voxels, more than a quarter of"

@@ -261,7 +261,7 @@ def standard_deviation(
     bias = averaging_bias(displacement, windows) ** 2
     bias = np.where(bias > _SIGNIFICANT**2 * amplification.bias_share * noise, bias, 0.0)
     out = np.stack([noise, bias])
-    if not valid.all():
+    if valid.any() and not valid.all():
         known, missing = np.argwhere(valid), np.argwhere(~valid)
         near = [*range(1, min(_NEIGHBOURS, len(known)) + 1)]
         _, index = cKDTree(known).query(missing, k=near)
