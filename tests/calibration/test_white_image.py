@@ -59,7 +59,7 @@ def test_centres_over_the_whole_sensor(kind, shape, pitch_px, rotation_deg):
 
 @squares
 @pytest.mark.full
-@pytest.mark.parametrize("pitch_px", [8.0, pytest.param(28.0, marks=pytest.mark.full)])
+@pytest.mark.parametrize("pitch_px", [8.0, 28.0])
 def test_every_lens_at_the_same_sub_pixel_position(kind, pitch_px):
     """A pitch of whole pixels without rotation: what a fit's bias depends on does not average out."""
     shape, offset = (400, 500), (1.3, -2.6)
@@ -176,9 +176,9 @@ def test_sheared_array(kind):
 @pytest.mark.parametrize(
     ("degree", "of"),
     [
-        pytest.param(2, lambda u: 2.0 * u.real**2 - 1j * u.real * u.imag, marks=pytest.mark.full),
+        (2, lambda u: 2.0 * u.real**2 - 1j * u.real * u.imag),
         (3, lambda u: 1.5 * u * np.abs(u) ** 2),
-        pytest.param(3, lambda u: -2.0 * u * np.abs(u) ** 2, marks=pytest.mark.full),
+        (3, lambda u: -2.0 * u * np.abs(u) ** 2),
     ],
 )
 def test_distorted_array(kind, degree, of):

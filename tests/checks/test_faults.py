@@ -27,10 +27,10 @@ def test_wrong_lattice_type(recorded):
 @pytest.mark.parametrize(
     ("aperture", "stated"),
     [
-        pytest.param(0.85, True, marks=pytest.mark.full),
+        (0.85, True),
         (1.15, False),
-        pytest.param(0.85, False, marks=pytest.mark.full),
-        pytest.param(1.15, True, marks=pytest.mark.full),
+        (0.85, False),
+        (1.15, True),
     ],
 )
 @pytest.mark.usefixtures("still")
@@ -158,7 +158,7 @@ def test_turns_of_a_square_sensor(recorded, kind, way):
     "other",
     [
         camera(rotation_rad=0.021, offset_mm=(-0.03, 0.005)),
-        pytest.param(camera(rotation_rad=0.004, offset_mm=(0.03, 0.0)), marks=pytest.mark.full),
+        camera(rotation_rad=0.004, offset_mm=(0.03, 0.0)),
     ],
 )
 def test_white_image_of_another_camera(recording, other):

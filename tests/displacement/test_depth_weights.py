@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from oracles.particle_volumes import render
 
 from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.multigrid import measure
@@ -62,11 +63,8 @@ RISING = (HEIGHT / HEIGHT.max()) ** 2
 
 def long_particles(moved):
     """Gaussian in depth with a standard deviation of LONG voxels."""
-    rng, values = np.random.default_rng(5), np.zeros(SHAPE, np.float32)
-    z, y, x = np.ogrid[tuple(slice(n) for n in SHAPE)]
-    for cx, cy, cz in rng.uniform((2, 2, 4), (46, 46, 44), (130, 3)):
-        r = (x - cx) ** 2 + (y - cy) ** 2 + ((z - cz - moved) / LONG) ** 2
-        values += np.exp(-0.5 * r).astype(np.float32)
+    centres = np.random.default_rng(5).uniform((2, 2, 4), (46, 46, 44), (130, 3)) + np.array([0, 0, moved])
+    values = render(SHAPE, centres, np.ones(len(centres)), (1.0, 1.0, LONG))
     return DenseVolume(VoxelGrid((0.0,) * 3, (1.0,) * 3, SHAPE), values)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plenopiv import optics
@@ -119,6 +120,11 @@ class PlenopticCamera:
         m, p, aperture = abs(self.main_lens.magnification), self.lattice.pitch_mm, self.main_lens.aperture_mm
         so = self.main_lens.object_distance_mm
         return -p * so / (aperture * m - p), p * so / (aperture * m + p)
+
+    def dead_zones(self, z_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distances of ``z_mm`` from focus, in its shape, over that at which the dead zone ends on their side."""
+        below, above = self.dead_zone_mm()
+        return np.abs(z_mm) / np.where(z_mm < 0, -below, above)
 
     def with_lattice(self, lattice: Lattice) -> PlenopticCamera:
         """The same camera with a calibrated lattice."""

@@ -65,8 +65,7 @@ def stack(lightfield: LightField, x: NDArray, y: NDArray, z: NDArray, every: int
     views = range(0, lightfield.layout.views, every)
     pictures = np.nan_to_num(np.array([refocused(lightfield, float(depth), x, y, views) for depth in z], np.float64))
     pictures = np.sqrt(np.maximum(pictures, 0.0))  # a few bright particles count no more than the others
-    below, above = lightfield.layout.camera.dead_zone_mm()
-    weight = np.minimum(np.abs(z) / (REACH * np.where(z < 0, -below, above)), 1.0)[:, None, None] ** 2
+    weight = np.minimum(lightfield.layout.camera.dead_zones(z) / REACH, 1.0)[:, None, None] ** 2
     return weight * (pictures - gaussian_filter(pictures, (0, SLOW * STEPS, SLOW * STEPS)))
 
 

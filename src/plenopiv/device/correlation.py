@@ -146,6 +146,4 @@ def _take(found: list[Found], layer: int, vectors: PassVectors, spread: NDArray[
     vectors.found[layer], vectors.ratio[layer] = whole["found"], whole["ratio"]
     vectors.moved[layer] = np.where(whole["lit"][:, None], moved + whole["place"], 0.0)
     if whole["sums"] is not None:
-        variance = np.zeros((count, 3))
-        jackknife_variance(whole["sums"].astype(np.float64), untilt, part, variance)
-        spread[layer] = variance
+        spread[layer] = jackknife_variance(whole["sums"].astype(np.float64), untilt, part)

@@ -42,16 +42,18 @@ class DepthWeights:
     ) -> NDArray[np.float32]:
         """Of the planes ``first`` to ``first + depth`` of windows whose ``centres`` (n, 2) are at y, x voxels, and
         whose light ``moved`` (n,) voxels in depth between the volumes: (n, depth)."""
+        reach = int(np.abs(moved).max(initial=0.0) / 2) + 1  # planes beyond the window
+        lo, hi = max(first - reach, 0), min(first + depth + reach, len(self.values))
         if self.values[0].size == 1:
-            of_each = np.broadcast_to(self.values[:, 0, 0], (len(centres), len(self.values)))
+            of_each = np.broadcast_to(self.values[lo:hi, 0, 0], (len(centres), hi - lo))
         else:
             shares = _between(centres[:, 0], self.y), _between(centres[:, 1], self.x)
-            of_each = np.einsum("nr,nc,krc->nk", *shares, self.values)
-        out = np.ones((len(centres), depth))
+            of_each = np.einsum("nr,nc,krc->nk", *shares, self.values[lo:hi])
+        out, last = np.ones((len(centres), depth)), hi - lo - 1
         for side in (-0.5, 0.5):
-            place = np.clip(first + np.arange(depth) + side * moved[:, None], 0, len(self.values) - 1)
-            below = np.minimum(place.astype(np.int64), max(len(self.values) - 2, 0))
-            above = np.minimum(below + 1, len(self.values) - 1)
+            place = np.clip(first - lo + np.arange(depth) + side * moved[:, None], 0, last)
+            below = place.astype(np.int64)
+            above = np.minimum(below + 1, last)
             here = np.take_along_axis(of_each, below, 1)
             out *= here + (place - below) * (np.take_along_axis(of_each, above, 1) - here)
         return np.sqrt(out).astype(np.float32)

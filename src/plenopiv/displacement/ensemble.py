@@ -219,8 +219,7 @@ class SummedPairs:
             batches.each_batch(*pair, add, layers, layer_done)
             del pair
         for layer in range(len(layers)):
-            variance = np.zeros((batches.count, 3))
-            jackknife_variance(sums[layer], peaks.untilt[layer], self._part, variance)
+            variance = jackknife_variance(sums[layer], peaks.untilt[layer], self._part)
             more = variance_of(of_pairs[layer], len(self), self._part)
             more -= variance_of(of_cells[layer], len(self) * blocks, self._part)
             if len(self) > 1:

@@ -59,9 +59,7 @@ class ScatterCorrelator(WindowCorrelator):
     ) -> NDArray[np.float64]:
         """Jackknife variance (batch, 3), voxel^2, along x, y, z, of the peaks of a batch. ``place``, ``untilt``: as
         ``find_peaks`` leaves them; ``part``: of a block that is left out (``part_left_out``)."""
-        out = np.zeros((len(place), 3))
-        jackknife_variance(self.contributions(spectra, place), untilt, part, out)
-        return out
+        return jackknife_variance(self.contributions(spectra, place), untilt, part)
 
     @property
     def blocks(self) -> NDArray[np.int64]:
@@ -154,42 +152,15 @@ def part_left_out(settings: CorrelationSettings) -> float:
     return _SINGLE if settings.sub_window is None else _OF_MEANS
 
 
-@kernel
-def jackknife_variance(
-    sums: NDArray[np.float64], untilt: NDArray[np.float64], part: float, variance: NDArray[np.float64]
-) -> None:
-    """Jackknife variance of the Gaussian peak fit. With d_i the displacement where the ``part`` h of block i of n is
-    left out,
-
-        n/(n - 1) ((1 - h/n)/h)^2 sum_i (d_i - mean d)^2
-
-    which is the delete-one variance (n - 1)/n sum_i (d_i - mean d)^2 for h = 1, the infinitesimal one for h to 0.
+def jackknife_variance(sums: NDArray[np.float64], untilt: NDArray[np.float64], part: float) -> NDArray[np.float64]:
+    """Jackknife variance (batch, 3), x, y, z, of the Gaussian peak fit (``variance_of``).
 
     ``sums``: (batch, blocks, 7) as of ``block_sums``, normalised by overlap; ``untilt`` (batch, 3, 3), the same for all
-    blocks. Writes ``variance`` (batch, 3), x, y, z.
+    blocks; ``part``: of a block that is left out.
     """
-    count, blocks, _ = sums.shape
-    for w in range(count):
-        total, offset = np.zeros(7), np.zeros((blocks, 3))
-        for i in range(blocks):
-            for n in range(7):
-                total[n] += sums[w, i, n]
-        for axis in range(3):
-            lo, hi = 1 + 2 * axis, 2 + 2 * axis
-            centre = gaussian_offset(total[lo], total[0], total[hi])
-            for i in range(blocks):
-                c = part * sums[w, i]
-                offset[i, axis] = gaussian_offset(total[lo] - c[lo], total[0] - c[0], total[hi] - c[hi]) - centre
-        for axis in range(3):
-            mean = square = 0.0
-            for i in range(blocks):
-                d = 0.0
-                for other in range(3):
-                    d += untilt[w, axis, other] * offset[i, other]
-                mean += d / blocks
-                square += d * d
-            of_one = (1 - part / blocks) / part
-            variance[w, axis] = blocks / max(blocks - 1, 1) * of_one**2 * (square - blocks * mean * mean)
+    moments = np.zeros((len(sums), 2, 3))
+    add_left_out(sums, sums.sum(1), untilt, part, moments)
+    return variance_of(moments, sums.shape[1], part)
 
 
 @kernel
@@ -220,7 +191,13 @@ def add_left_out(
 
 
 def variance_of(moments: NDArray[np.float64], count: int, part: float) -> NDArray[np.float64]:
-    """``jackknife_variance`` (..., 3) of ``count`` items from the sums of ``add_left_out`` (..., 2, 3)."""
+    """Jackknife variance (..., 3) from the sums of ``add_left_out`` (..., 2, 3). With d_i the displacement where the
+    ``part`` h of item i of n = ``count`` is left out,
+
+        n/(n - 1) ((1 - h/n)/h)^2 sum_i (d_i - mean d)^2
+
+    which is the delete-one variance (n - 1)/n sum_i (d_i - mean d)^2 for h = 1, the infinitesimal one for h to 0.
+    """
     squares: NDArray[np.float64] = moments[..., 1, :] - moments[..., 0, :] ** 2 / count
     return count / max(count - 1, 1) * ((1 - part / count) / part) ** 2 * squares
 

@@ -26,6 +26,4 @@ def focus_weight(camera: PlenopticCamera, z_mm: NDArray[np.float64], reach: floa
     all 1."""
     if reach == 0:
         return np.ones(z_mm.shape, np.float32)
-    below, above = camera.dead_zone_mm()
-    depth = np.abs(z_mm) / np.where(z_mm < 0, -below, above)  # in dead zones
-    return np.clip((depth / reach) ** POWER, LEAST, 1).astype(np.float32)
+    return np.clip((camera.dead_zones(z_mm) / reach) ** POWER, LEAST, 1).astype(np.float32)
