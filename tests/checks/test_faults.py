@@ -270,12 +270,24 @@ def test_light_that_all_pairs_share_is_static():
     sensor, nothing = Sensor(300, 280, 0.0055, 12, 60), np.zeros((280, 300))
     reflection = nothing.copy()
     reflection[100:120, 150:170] = 120.0
-    assert common_light(static_scene(8, nothing), sensor, 14.0) is None
-    assert common_light(static_scene(3, reflection), sensor, 14.0) is None  # too few to tell
-    found = common_light(static_scene(8, reflection), sensor, 14.0)
+    assert common_light(static_scene(8, nothing), sensor) is None
+    assert common_light(static_scene(3, reflection), sensor) is None  # too few to tell
+    found = common_light(static_scene(8, reflection), sensor)
     assert (found.name, found.severity) == ("static-light", "warning")
     assert found.number == pytest.approx(120, abs=15)
     assert "recording.background" in found.advice
+
+
+def test_particles_so_dense_that_every_pixel_is_lit_are_not_static_light():
+    sensor, rng = Sensor(300, 280, 0.0055, 12, 60), np.random.default_rng(2)
+    rows, columns = np.mgrid[:280, :300]
+    volume = (abs(rows - 140) < 90) & (abs(columns - 150) < 100)  # particles beside it light no pixel
+    micro = np.hypot(rows % 14 - 7, columns % 14 - 7) < 6.5
+    dense = [np.rint(60 + volume * micro * rng.gamma(3.0, 80.0, micro.shape)).astype(np.uint16) for _ in range(8)]
+    assert np.percentile(np.minimum.reduce(dense), 99.9) > 160
+    assert common_light(dense, sensor) is None
+    glow = 250.0 * np.exp(-(np.hypot(rows - 140, columns - 150) ** 2) / 2 / 80.0**2)
+    assert common_light([np.rint(frame + micro * glow).astype(np.uint16) for frame in dense], sensor) is not None
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,9 @@ NEARLY_EQUAL = 0.9
 TOP = 99.9  # per cent: the brightest pixels
 FEWEST_PAIRS = 4  # whose common light is static: particles of fewer may overlap by chance
 SPOT, USUAL = 3.0, 99.0  # times a particle in focus, and the brightest hundredth of what both frames share
-ABOVE_CHANCE = 3.0  # times what the same frames share when they are shifted against each other
+SAME = 0.5  # of what one half shares that the other half shares where it is static; particles leave .4 at most
+LEAST_COUNTS = 5.0
+DIM = 25.0  # per cent: pixels without light of their own
 
 
 def of_files(found: StaticLight) -> list[Finding]:
@@ -30,31 +32,38 @@ def of_files(found: StaticLight) -> list[Finding]:
     return out
 
 
-def common_light(frames: list[NDArray], sensor: Sensor, pitch_px: float) -> Finding | None:
+def common_light(frames: list[NDArray], sensor: Sensor) -> Finding | None:
     """A finding where frames of different pairs, upright counts, share light that particles do not explain.
 
-    The least count of each pixel over all frames is compared with that of the same frames shifted against each other by
-    whole microlenses, in which static light no longer meets itself.
+    The pixels at which the least count over one half of the frames is largest are looked up in the other half: static
+    light is there again, light of particles that met by chance is not. A level that all pixels have is not of interest
+    here.
     """
     if len(frames) < FEWEST_PAIRS:
         return None
-    step = round(pitch_px)
-    shifted = [np.roll(frame, (5 * k * step, 7 * k * step), (0, 1)) for k, frame in enumerate(frames)]
-    here, chance = (
-        float(np.percentile(np.minimum.reduce(stack), TOP)) - sensor.black_level for stack in (frames, shifted)
-    )
-    if here < ABOVE_CHANCE * max(chance, 1.0) + 5.0:
+    first, second = (np.minimum.reduce(half).astype(np.float32) for half in (frames[::2], frames[1::2]))
+    both = [_again(first, second), _again(second, first)]
+    seen, again = min(both, key=lambda each: each[1])
+    if again < SAME * seen + LEAST_COUNTS:
         return None
+    here = float(np.percentile(np.minimum(first, second), TOP)) - sensor.black_level
     return Finding(
         "static-light",
         "warning",
         f"static light: the brightest pixels hold {here:.0f} counts in every one of {len(frames)} frames of different "
-        f"pairs, where particles would leave {max(chance, 0):.0f}",
+        f"pairs, more than particles that meet by chance would leave",
         here,
         "counts",
         "record each pulse without particles and name the images in recording.background; vectors near it are pulled "
         "toward zero",
     )
+
+
+def _again(one: NDArray, other: NDArray) -> tuple[float, float]:
+    """Counts of one image where it is brightest, and of another one there: medians above each one's dim pixels."""
+    there = one >= np.percentile(one, TOP)
+    seen, again = (float(np.median(image[there]) - np.percentile(image, DIM)) for image in (one, other))
+    return seen, again
 
 
 def spot(a: NDArray, b: NDArray, sensor: Sensor, pitch_px: float, particle: float) -> Finding | None:

@@ -91,7 +91,7 @@ def check(
     if recording.static_light is not None:
         findings += static.of_files(recording.static_light)
     elif not recording.background_of_frames:
-        findings += _common_light(recording, camera)
+        findings += _common_light(recording)
     seen = CheckResult((), camera, names[0], frames[0], image)
     if image is not None:
         report("white image", 0, 1)
@@ -176,13 +176,13 @@ def _with_reversal(
     return [replace(f, severity="warning") if even and f == by_name else f for f in findings] + [found]
 
 
-def _common_light(recording: Recording, camera: PlenopticCamera) -> list[Finding]:
+def _common_light(recording: Recording) -> list[Finding]:
     """Light that the first frames of pairs share, in the sensor's middle; nothing in a sequence, where particles of
     successive frames overlap."""
     if recording.is_sequence:
         return []
     frames = _first_frames(recording)
-    found = static.common_light(frames, recording.sensor, camera.image_pitch_px)
+    found = static.common_light(frames, recording.sensor)
     return [] if found is None else [found]
 
 
