@@ -108,3 +108,8 @@ def test_pairs_of_fields_pool_like_one():
     assert found.bias == pytest.approx(wanted.bias)
     assert found.by_depth[0].rms == pytest.approx(wanted.rms)
     assert found.by_depth[0].vectors == 50
+    lost = replace(scores[1], final=Errors(0.5, 1.0, (np.nan,) * 3, (np.nan,) * 3, ()))  # every vector gross
+    found = pooled([scores[0], lost])
+    assert (found.rms, found.bias) == (pytest.approx(scores[0].final.rms), pytest.approx(scores[0].final.bias))
+    assert (found.answered, found.gross) == (pytest.approx(45 / 50), pytest.approx(5 / 45))
+    assert np.isnan(pooled([lost]).rms).all()

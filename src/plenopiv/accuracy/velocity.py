@@ -155,28 +155,35 @@ def score_velocity(
 
 
 def pooled(scores: Sequence[Score]) -> Errors:
-    """Final errors of several fields of one kind as those of one; bands of depth must be the same for all."""
-    weight = [score.vectors for score in scores]
+    """Final errors of several fields of one kind as those of one; bands of depth must be the same for all.
 
-    def mean(values: Sequence[Sequence[float]], of: Sequence[int] = weight) -> tuple[float, ...]:
-        return _tuple(np.average(values, axis=0, weights=of))
-
-    def rms(values: Sequence[Sequence[float]], of: Sequence[int] = weight) -> tuple[float, ...]:
-        return _tuple(np.sqrt(np.average(np.square(values), axis=0, weights=of)))
-
-    finals = [score.final for score in scores]
+    A field of which every vector is gross counts as that alone.
+    """
+    vectors = np.array([score.vectors for score in scores], float)
+    answered = np.array([score.final.answered for score in scores])
+    gross = np.array([score.final.gross for score in scores])
+    finals = [score.final for score in scores if score.final.by_depth]
+    left = [n for n, score in zip(vectors * answered * (1 - gross), scores, strict=True) if score.final.by_depth]
     bands = []
     for band in zip(*(final.by_depth for final in finals), strict=True):
         of = [b.vectors for b in band]
-        joined = rms([b.rms for b in band], of), mean([b.bias for b in band], of)
-        bands.append(Band(band[0].from_mm, band[0].to_mm, sum(of), *joined))
+        rms, bias = _pooled_rms([b.rms for b in band], of), _mean([b.bias for b in band], of)
+        bands.append(Band(band[0].from_mm, band[0].to_mm, sum(of), rms, bias))
     return Errors(
-        mean([[f.answered] for f in finals])[0],
-        mean([[f.gross] for f in finals])[0],
-        rms([f.rms for f in finals]),
-        mean([f.bias for f in finals]),
+        float(np.average(answered, weights=vectors)),
+        float(np.average(gross, weights=vectors * answered)) if answered.any() else 0.0,
+        _pooled_rms([f.rms for f in finals], left) if finals else (nan,) * 3,
+        _mean([f.bias for f in finals], left) if finals else (nan,) * 3,
         tuple(bands),
     )
+
+
+def _mean(values: Sequence[Sequence[float]], of: Sequence[float]) -> tuple[float, ...]:
+    return _tuple(np.average(values, axis=0, weights=of))
+
+
+def _pooled_rms(values: Sequence[Sequence[float]], of: Sequence[float]) -> tuple[float, ...]:
+    return _tuple(np.sqrt(np.average(np.square(values), axis=0, weights=of)))
 
 
 def _points(x: Array, y: Array, z: Array) -> Array:
