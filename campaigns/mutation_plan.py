@@ -60,10 +60,10 @@ NAMED = [
     ("LIT_SHARE 0.5 to 0.2", "lightfield.py", "LIT_SHARE = 0.5", "LIT_SHARE = 0.2"),
     ("FOREIGN_SHARE times 10", "lightfield.py", "FOREIGN_SHARE = 0.001", "FOREIGN_SHARE = 0.01"),
     (
-        "smoothing of volumes 0.8 to 0.3",
+        "smoothing of volumes to 0.3",
         "displacement/settings.py",
-        "smoothing_voxels: float = 0.8",
-        "smoothing_voxels: float = 0.3",
+        "smoothing_voxels: float | Sides = (1.0, 1.0, 0.8)",
+        "smoothing_voxels: float | Sides = 0.3",
     ),
     ("ACROSS 7 to 3", "projection/plenoptic/plane_maps/maps.py", "ACROSS = 7.0", "ACROSS = 3.0"),
     (

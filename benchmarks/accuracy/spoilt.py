@@ -29,6 +29,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from conditions import CONDITIONS
 from small_recording import CAMERA, DT_S, WINDOWS, Clean, clean_recording
 from spoiling import Case, Copy
@@ -73,9 +74,11 @@ def digest(*paths: Path) -> str:
 
 
 def scores(velocity: Any, experiment: Experiment, clean: Clean) -> dict[int, Score]:
-    """The score of each pair that was measured, by the true time between its frames."""
+    """The score of each pair that was measured, by the true time between its frames; those set aside are NaN."""
     found = {}
     for n, seconds in enumerate(velocity.time.values):
+        if not np.isfinite(velocity.u.values[n]).any():
+            continue
         pair = round(float(seconds) / experiment.recording_table.dt_s - 0.5)
         settings = {"dt_s": DT_S, "voxel_mm": experiment.volume.voxel_mm, "time": n}
         found[pair] = score_velocity(velocity, *clean.truth(pair), CAMERA, window_voxels=WINDOWS[-1], **settings)

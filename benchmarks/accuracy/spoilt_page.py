@@ -24,8 +24,7 @@ STATIC = """
 Written by `benchmarks/accuracy/static_light.py`: three of thirty pairs, pulses varying by 3 %, measured with images of
 the static light of each pulse and a dark image, or with `recording.background = "minimum"` of all thirty. RMS errors
 along x / y / z in voxels and over those of the clean recording, outside windows in which particles light saturated
-pixels; share of the errors within one and two stated standard deviations. Asked for are 60 to 80 % and 90 to 98 %: on
-this recording error bars are too long, static light or none ([why](uncertainty.md#where-error-bars-are-too-long)).
+pixels; share of the errors within one and two stated standard deviations. Asked for are 60 to 80 % and 90 to 98 %.
 
 | light | taken off by | RMS | over clean | within 1 std, % | within 2 std, % | error bars |
 |---|---|---|---|---|---|---|

@@ -163,7 +163,8 @@ def test_agreement_is_one_for_the_same_light_and_none_for_what_one_window_holds(
 def test_variance_smooths_both_windows():
     a = np.zeros((32, 32, 32), np.float32)
     a[16, 16, 16] = 1
-    sharp, smooth = (normalised(WindowCorrelator(a.shape, (1, 1, 4), v), a[None], a[None])[0, 2, 2] for v in (1, 2))
+    both = [WindowCorrelator(a.shape, (1, 1, 4), (v, v, v)) for v in (1, 2)]
+    sharp, smooth = (normalised(correlator, a[None], a[None])[0, 2, 2] for correlator in both)
     d = np.arange(-5, 6)
     overlap = 1 - np.abs(d) / 32
     for profile, variance in ((sharp, 1.0), (smooth, 2.0)):

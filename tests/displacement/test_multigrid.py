@@ -58,6 +58,27 @@ def test_uniform_shifts_have_little_bias_and_noise(particle_pair, uniform_flow, 
     assert (np.sqrt(np.mean(np.square(noise), 0)) < 0.03 * np.maximum(limit, 1)).all()
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_smoothing_along_an_axis_unlocks_peaks_from_its_voxels(axis):
+    """Particles whose light is all in the voxel that they lie in move by whole voxels; on average by the true .3."""
+    shift, size = 0.3, 64
+    sharp, smooth = (0.58,) * 3, tuple(1.2 if k == axis else 0.58 for k in range(3))
+    means = []
+    for seed in range(3):
+        at = np.random.default_rng(seed).uniform(2, size - 3, (8000, 3))
+        volumes = []
+        for side in (-0.5, 0.5):
+            values = np.zeros((size,) * 3, np.float32)
+            values[tuple(np.rint(at + side * shift).astype(int).T)] = 1.0
+            volumes.append(DenseVolume(VoxelGrid((0.0,) * 3, (1.0,) * 3, values.shape), values))
+        fields = [measure(*volumes, replace(CUBES, smoothing_voxels=sigma)) for sigma in (sharp, smooth)]
+        means.append([field.raw.reshape(3, -1).mean(1) for field in fields])
+    locked, freed = np.mean(means, 0)
+    assert (locked < shift).all()  # toward zero
+    assert freed[axis] - locked[axis] > 0.008
+    assert (np.abs(freed - locked)[np.arange(3) != axis] < 0.006).all()
+
+
 def test_cuts_are_where_one_sample_lies_outside():
     """Against every voxel of every window: is x - d/2 or x + d/2 beyond a face?"""
     shape = (40, 48, 64)

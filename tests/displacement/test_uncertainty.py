@@ -39,7 +39,7 @@ def noisy_windows(seed=0, count=2):
 @pytest.mark.parametrize("whitening", [0.0, 0.5, 0.3])
 def test_filtered_windows_multiply_to_the_correlation(whitening):
     """The plain products of the two filtered windows are exactly what the correlation sums."""
-    correlator = ScatterCorrelator(SIZE, (2, 3, 2), variance=0.4, whitening=whitening, taper=2.0)
+    correlator = ScatterCorrelator(SIZE, (2, 3, 2), variance=(0.4, 0.4, 0.4), whitening=whitening, taper=2.0)
     a, b = noisy_windows()
     spectra = correlator.spectra(WindowBatch.of(a), WindowBatch.of(b))
     expected = correlator.correlation(spectra)
@@ -53,7 +53,7 @@ def test_filtered_windows_multiply_to_the_correlation(whitening):
 def test_variance_is_the_jackknife_of_the_peak_fit(part):
     """Against blocks cut out, or counting less, and peaks fitted one by one, in plain Python; the second window is cut
     at the volume."""
-    correlator = ScatterCorrelator(SIZE, (2, 3, 2), variance=0.4, whitening=0.5, taper=2.0)
+    correlator = ScatterCorrelator(SIZE, (2, 3, 2), variance=(0.4, 0.4, 0.4), whitening=0.5, taper=2.0)
     a, b = noisy_windows(1)
     cuts = np.zeros((2, 3, 2))
     cuts[1, 2] = 3.0, 1.2

@@ -295,7 +295,9 @@ def test_every_setting_is_a_key_of_the_file(table, settings):
 def test_correlation_settings_carry_the_keys():
     tables = changed("correlation.smoothing_voxels", 1.25)
     settings = Experiment.from_dict(tables).correlation.settings()
-    assert settings.smoothing_voxels == 1.25
+    assert settings.smoothing == (1.25, 1.25, 1.25)
+    three = Experiment.from_dict(changed("correlation.smoothing_voxels", [1.25, 0.5, 0.75])).correlation.settings()
+    assert three.smoothing == (1.25, 0.5, 0.75)
     assert settings.windows == ((128, 128, 32), (64, 64, 16))
     assert settings.inner_window is None
 

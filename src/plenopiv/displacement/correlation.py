@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,10 +45,10 @@ class WindowCorrelator:
     the border put the same edge in both windows and bias the peak toward zero, the more the wider they are. Where
     deformation reaches beyond the volume, one of the two windows ends early; w of both then ends there (``cuts``).
 
-    ``size``: window (nz, ny, nx). ``search``: largest displacement (z, y, x) that is searched, voxels. ``variance``: of
-    a Gaussian that smooths both windows (voxel^2), a factor of the cross spectrum S. ``whitening``: S is divided by
-    |S|^whitening. 0 is plain correlation, 1 keeps the phase alone; between them (symmetric phase-only filtering, Wernet
-    2005) particle images that are long in depth give narrow peaks, which chance overlaps shift less.
+    ``size``: window (nz, ny, nx). ``search``: largest displacement (z, y, x) that is searched, voxels. ``variance``:
+    along z, y, x, of a Gaussian that smooths both windows (voxel^2), a factor of the cross spectrum S. ``whitening``: S
+    is divided by |S|^whitening. 0 is plain correlation, 1 keeps the phase alone; between them (symmetric phase-only
+    filtering, Wernet 2005) particle images that are long in depth give narrow peaks, which chance overlaps shift less.
 
     ``around``: period of the transforms; ``filters``: the Gaussian's factors, both along z, y, x.
     """
@@ -56,7 +57,7 @@ class WindowCorrelator:
         self,
         size: tuple[int, int, int],
         search: tuple[int, int, int],
-        variance: float = 0.0,
+        variance: Sequence[float] = (0.0, 0.0, 0.0),
         whitening: float = 0.0,
         taper: float = 0.0,
     ) -> None:
@@ -65,7 +66,7 @@ class WindowCorrelator:
         self._plans = tuple(lines(n) for n in self.around)
         self._high, self._wide = (rounded_up(n) for n in self.around[1:])
         waves = [2 * np.pi * np.fft.fftfreq(n) for n in self.around]
-        self.filters = tuple(np.exp(-variance * k**2).astype(np.float32) for k in waves)
+        self.filters = tuple(np.exp(-v * k**2).astype(np.float32) for v, k in zip(variance, waves, strict=True))
         self._shifts = [np.arange(-r - 1, r + 2) for r in search]
         self._radius = search
         turn = waves[0][: self.around[0] // 2 + 1] * self._shifts[0][:, None]

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from plenopiv.errors import PlenoPIVError
 
 Size = tuple[int, int, int]
+Sides = tuple[float, float, float]
 
 
 SMALLEST = 8  # voxels of a window along an axis
@@ -31,8 +32,9 @@ class CorrelationSettings:
     last of ``windows``, 8 voxels at least. As large as the last of ``windows``: no sub-windows.
     ``coarse_passes``, ``fine_passes``: passes with each coarse window size and with the finest one. All but the very
     first pass deform the volumes by the displacement known so far.
-    ``smoothing_voxels``: sigma of the Gaussian that both volumes see before correlation; blobs of one or two voxels
-    lock peaks to whole voxels without it. In deformed volumes it is at least 0.58, the sigma of the spline.
+    ``smoothing_voxels``: sigma of the Gaussian that both volumes see before correlation, one number or along x, y, z;
+    blobs of one or two voxels lock peaks to whole voxels without it. In deformed volumes it is at least 0.58, the sigma
+    of the spline.
     ``taper_voxels``: width of the windows' taper; particles cut by the border bias the peak toward zero.
     ``intensity_exponent``: intensities are raised to this power first. Correlation weighs a particle by the square of
     its brightness; with 0.5 many moderate particles count instead of a few bright ones.
@@ -56,7 +58,7 @@ class CorrelationSettings:
     inner_overlap: float = 0.6
     coarse_passes: int = 1
     fine_passes: int = 2
-    smoothing_voxels: float = 0.8
+    smoothing_voxels: float | Sides = (1.0, 1.0, 0.8)
     taper_voxels: float = 2.0
     intensity_exponent: float = 0.5
     whitening: float = 0.5
@@ -73,6 +75,12 @@ class CorrelationSettings:
         last = self.windows[-1]
         size = self.inner_window or tuple(max(SMALLEST, round(SUB_WINDOW * n)) for n in last)
         return None if size == last else size  # type: ignore[return-value]
+
+    @property
+    def smoothing(self) -> Sides:
+        """Sigma of the Gaussian along x, y, z, voxels."""
+        sigma = self.smoothing_voxels
+        return sigma if isinstance(sigma, tuple) else (sigma, sigma, sigma)
 
     @property
     def passes(self) -> list[Pass]:
@@ -108,7 +116,6 @@ class CorrelationSettings:
             "inner_overlap": (0.0, 0.9),
             "coarse_passes": (1, 20),
             "fine_passes": (1, 20),
-            "smoothing_voxels": (0.0, 4.0),
             "taper_voxels": (0.0, 4.0),
             "intensity_exponent": (0.1, 2.0),
             "whitening": (0.0, 1.0),
@@ -118,7 +125,8 @@ class CorrelationSettings:
             "outlier_threshold": (0.5, 100.0),
             "outlier_floor_voxels": (1e-3, 10.0),
         }
-        for name, (lo, hi) in ranges.items():
-            value = getattr(self, name)
+        values = [(name, getattr(self, name), *limits) for name, limits in ranges.items()]
+        values += [("smoothing_voxels", sigma, 0.0, 4.0) for sigma in self.smoothing]
+        for name, value, lo, hi in values:
             if not lo <= value <= hi:
                 raise PlenoPIVError(f"correlation.{name}: {value} is out of range; use {lo} to {hi}")

@@ -9,8 +9,9 @@ as measured is in docs/uncertainty.md.
    particles seen once, gradients that deformation has left. Wieneke (2015, Meas. Sci. Technol. 26 074002) takes the
    same contributions a(x) b(x + 1) - a(x + 1) b(x) with a model of their covariance instead. Of a dozen particles the
    delete-one variance is on average 1.1 to 1.4 times too large, which suits a single vector, whose own s^2 scatters.
-   For means of many s^2, with sub-windows, a block therefore counts a thousandth less instead: the infinitesimal
-   jackknife (Jaeckel 1972; Efron 1982, chapter 6), right on average.
+   For means, with sub-windows, a block therefore counts a thousandth less instead: the infinitesimal jackknife (Jaeckel
+   1972; Efron 1982, chapter 6), right on average; and not s^2 but s is averaged over a window, since of a dozen
+   particles s^2 scatters widely upward.
 2. *Iteration.* Each pass deforms by the vectors of the last one, noise included, and corrects only what a window
    resolves, so noise at short wavelengths is amplified. ``noise_amplification`` computes the factor K of the variance
    (1.63 for three passes).
@@ -248,7 +249,8 @@ def standard_deviation(
     if whole is None:
         return np.sqrt(out.sum(0))
     constant = mean_weights(whole, windows, extrapolate=False)
-    noise, bias = mean_over(out, constant)
+    bias = mean_over(out[1], constant)
+    noise = mean_over(np.sqrt(out[0]), constant) ** 2
     # replaced sub-windows come from the same few neighbours: a mean over them has no less noise
     of_mean = amplification.variance_of_mean(mean_weights(whole, windows, extrapolate=True))
     measured = of_mean * noise + _BIAS_OF_MEAN * bias

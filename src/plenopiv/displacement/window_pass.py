@@ -106,7 +106,7 @@ class WindowPass:
         self.batches = [slice(lo, min(lo + batch, self.count)) for lo in range(0, self.count, batch)]
         self.radius = tuple(max(1, min(round(search * n), n // 2 - 2)) for n in size)
         done = 0.0 if predictor is None else SPLINE_VARIANCE
-        variance = max(settings.smoothing_voxels**2 - done, 0.0)
+        variance = [max(sigma**2 - done, 0.0) for sigma in settings.smoothing[::-1]]
         about = variance, settings.whitening, settings.taper_voxels
         self.correlator = ScatterCorrelator(size, self.radius, *about)  # type: ignore[arg-type]
         self.corners = np.array(list(product(windows.starts[1].tolist(), windows.starts[2].tolist())))

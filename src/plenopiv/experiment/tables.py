@@ -322,7 +322,7 @@ class CorrelationTable(Table):
     inner_overlap: float = CorrelationSettings.inner_overlap
     coarse_passes: int = CorrelationSettings.coarse_passes
     fine_passes: int = CorrelationSettings.fine_passes
-    smoothing_voxels: float = CorrelationSettings.smoothing_voxels
+    smoothing_voxels: Number | Triple = CorrelationSettings.smoothing_voxels
     taper_voxels: float = CorrelationSettings.taper_voxels
     intensity_exponent: float = CorrelationSettings.intensity_exponent
     whitening: float = CorrelationSettings.whitening
