@@ -17,7 +17,7 @@ from plenopiv.volume import VoxelGrid
 KIB = 1024
 LISTED = 0.36  # share of the voxels that dense ray tracing leaves, in a deep and densely seeded volume
 BASE = 260e6  # interpreter, libraries and compiled kernels, bytes
-REPORT = 440e6  # the same with all that draws the report, and what is known of a thousand pairs
+REPORT = 485e6  # the same with all that draws the report, and what is known of a thousand pairs
 KEPT = 0.1  # of a volume's memory, once MART has left voxels out
 SPREAD = 4.4  # voxels of the laboratory that share the light of one of lens space, where they lie close together
 MOST_TILES = 64
