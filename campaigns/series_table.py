@@ -69,8 +69,8 @@ and failing, is in `tests/io/test_folder_steps.py`.
 - Size and time of a frame's file were noted when its pair was finished, not when it was read: of frames that were moved
   away in between the manifest had none.
 
-Damages were recorded before HDF5 files were written as `io.aside.Unfailing` does it, faults and the thousand pairs
-since, kills last; the sample of the full tests passes with all.
+Kills, damages and faults were recorded on one version of the sources, the thousand pairs once more when what a run
+announces had been corrected: .44 GB were announced before, .48 taken.
 """
 
 

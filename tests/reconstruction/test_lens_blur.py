@@ -8,7 +8,7 @@ from oracles.cameras import small_camera
 
 from plenopiv.lightfield import LightField, decode, layout
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
-from plenopiv.reconstruction.lens_blur import FARTHEST, Lag, LensBlur, lags_of, lens_blur
+from plenopiv.reconstruction.lens_blur import FARTHEST, Lag, LensBlur, lags_of, lens_blur, model
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import seed_box
@@ -90,6 +90,16 @@ def test_doubt():
     assert LensBlur(0.009, 0.001, 0.1).beyond_doubt(0.077) == 0.0
     assert LensBlur(0.016, 0.001, 0.4).beyond_doubt(0.077) == 0.0
     assert LensBlur(0.016, 0.001, 0.2).beyond_doubt(0.077) == 0.016
+
+
+@pytest.mark.parametrize("z_mm", [2.5, 10.0])
+def test_planes_of_a_deep_volume_lie_as_close_as_those_of_a_thin_one(z_mm):
+    """Light of particles between planes further apart than a dead zone looks blurred."""
+    camera = camera_of("hexagonal")
+    near, far = camera.dead_zone_mm()
+    grid = VoxelGrid.covering((-1, 1), (-1, 1), (-z_mm, z_mm), (0.1, 0.1, 0.1))
+    deep = model(layout(camera), grid, [(7, 0)], lags_of(camera)[:1], np.zeros(1))
+    assert 1.4 * 2 * z_mm / deep.shape[2] < 0.65 * (far - near)
 
 
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])

@@ -17,6 +17,7 @@ blur as well, by a quarter of their diameter's image, and are taken for the lens
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +32,8 @@ from plenopiv.volume import VoxelGrid
 
 FARTHEST = 3.2  # pitches: the longest lag
 BASELINES = (0.17, 0.5, 1.0, 1.5)  # of the aperture's radius, along each axis of the sensor
-PLANES = 33  # in which particles are sought
+APART = 0.6  # dead zones, at most, between planes in which particles are sought: further apart they look blurred
+FEWEST_PLANES = 33
 BEYOND = 0.25  # of the volume's depth, that planes are sought in front of it and behind it
 SIDE = 128  # places across the autocorrelation's table
 MOST = 0.8  # pitches: the largest blur that is sought
@@ -164,17 +166,19 @@ def model(where: Layout, grid: VoxelGrid, baselines: list[tuple[int, int]], lags
     camera, (lo, hi) = replace(where.camera, blur_mm=0.0), grid.limits_mm()[2]
     more = BEYOND * (hi - lo)
     hi = min(hi + more, 0.5 * (hi + camera.main_lens.object_distance_mm))
-    lo, step_mm = lo - more, (hi - lo + more) / PLANES
-    deep = VoxelGrid((0.0, 0.0, lo + 0.5 * step_mm), (*grid.voxel_mm[:2], step_mm), (PLANES, 1, 1))
+    lo, near, far = lo - more, *camera.dead_zone_mm()
+    count = max(FEWEST_PLANES, ceil((hi - lo) / (APART * (far - near))))
+    step_mm = (hi - lo) / count
+    deep = VoxelGrid((0.0, 0.0, lo + 0.5 * step_mm), (*grid.voxel_mm[:2], step_mm), (count, 1, 1))
     cam, table = camera_constants(camera, deep), planes(camera, deep)
     support = 2 * (0.6 + column_of(table, "half")) + 4 * MOST  # where the autocorrelation ends
     steps = np.repeat((2 * support / SIDE)[:, None], 2, 1).astype(np.float32)
     power = np.abs(np.fft.rfft2(sharp_tables(cam, table, steps, SIDE))) ** 2
     turns = (np.fft.fftfreq(SIDE)[:, None] ** 2 + np.fft.rfftfreq(SIDE) ** 2) * (2 * np.pi) ** 2
     at = np.array([places(where, cam, row, baselines, lags) for row in table])  # (plane, baseline, lag, phase, 2)
-    out = np.empty((len(sigmas), at.shape[1] * at.shape[2], PLANES))
+    out = np.empty((len(sigmas), at.shape[1] * at.shape[2], count))
     for s, sigma in enumerate(sigmas):
-        for k in range(PLANES):
+        for k in range(count):
             wide = np.fft.fftshift(np.fft.irfft2(power[k] * np.exp(-turns * (sigma / steps[k, 0]) ** 2)))
             x, y = np.moveaxis(at[k].reshape(-1, PHASES, 2) / steps[k, 0] + SIDE // 2, -1, 0)
             out[s, :, k] = map_coordinates(wide, (y, x), order=1).mean(1)
