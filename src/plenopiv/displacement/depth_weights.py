@@ -37,6 +37,14 @@ class DepthWeights:
         along_x = np.einsum("krc,xc->krx", self.values[lo:hi], _between(np.arange(nx), self.x))
         return np.einsum("krx,yr->kyx", along_x, _between(np.arange(ny), self.y)).astype(np.float32)
 
+    def weighed(self, planes: NDArray[np.float32], lo: int) -> NDArray[np.float32]:
+        """``planes`` (n, ny, nx) of a volume from plane ``lo`` on, times their weights; one plane of these at a time is
+        in memory."""
+        out = np.empty_like(planes)
+        for k, plane in enumerate(planes):
+            np.multiply(plane, self.slab(lo + k, lo + k + 1, plane.shape)[0], out=out[k])
+        return out
+
     def of_windows(
         self, first: int, depth: int, centres: NDArray[np.float64], moved: NDArray[np.float64]
     ) -> NDArray[np.float32]:

@@ -116,16 +116,17 @@ class Offsets:
                 some = np.flatnonzero(chosen[layer])
                 if not some.size:
                     continue
-                both, start = (a.slab(lo, hi), b.slab(lo, hi)), int(self.windows.starts[0][layer])
-                if self.depth is not None:
-                    weights = self.depth.slab(lo, hi, both[0].shape[1:])
-                    both = both[0] * weights, both[1] * weights
+                both, start = (self._planes(a, lo, hi), self._planes(b, lo, hi)), int(self.windows.starts[0][layer])
 
                 def some_of(part: NDArray, layer: int = layer, both: Slabs = both, begin: int = start - lo) -> None:
                     work(layer, part, np.column_stack([np.full(len(part), begin), self.corners[part]]), both)
 
                 list(pool.map(some_of, np.array_split(some, min(count, some.size))))
                 del both, some_of  # before the next layer's planes are made
+
+    def _planes(self, volume: Volume, lo: int, hi: int) -> NDArray[np.float32]:
+        planes = volume.slab(lo, hi)
+        return planes if self.depth is None else self.depth.weighed(planes, lo)
 
     def result(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Displacements (3, nz, ny, nx), and which were found."""
