@@ -20,6 +20,7 @@ BASE = 260e6  # interpreter, libraries and compiled kernels, bytes
 REPORT = 485e6  # the same with all that draws the report, and what is known of a thousand pairs
 KEPT = 0.1  # of a volume's memory, once MART has left voxels out
 SPREAD = 4.4  # voxels of the laboratory that share the light of one of lens space, where they lie close together
+MEASURED = 0.1, 6  # share of the voxels that both volumes hold while they are correlated, and bytes of each
 MOST_TILES = 64
 LAYER = 4.0  # planes for each plane of the deepest windows: of two volumes those in use, the next, and their sources
 HELD = 0.3, 100e6  # share of it, and most of it, that the C library keeps once it is free: large arrays are returned
@@ -40,17 +41,22 @@ def peak_so_far() -> float | None:
 class MemoryEstimate:
     """Bytes by what needs them, those of the first three all alive while the second frame is reconstructed. ``peak`` is
     their sum, or what correlation and report take if that is more: memory that ``layers`` of planes took is hardly used
-    again."""
+    again. ``measured``: both volumes, thinned by MART, as they are correlated."""
 
     images: float
     light_field: float
     volumes: float
     layers: float = 0.0
+    measured: float = 0.0
 
     @property
     def peak(self) -> float:
         """Bytes in all."""
-        return max(BASE + self.light_field + self.volumes, REPORT + self.layers) + self.images
+        return max(BASE + self.light_field + self.volumes, self._after) + self.images
+
+    @property
+    def _after(self) -> float:
+        return REPORT + self.layers + self.measured
 
     def in_tiles(self, share: float) -> MemoryEstimate:
         """The same where a share of the volume is reconstructed at once; the rest is kept as it came out."""
@@ -60,7 +66,7 @@ class MemoryEstimate:
         """Raise PlenoPIVError, which states what would fit, where ``peak`` is more than ``limit`` bytes."""
         if self.peak <= limit:
             return
-        least = max(BASE + self.light_field, REPORT + self.layers) + self.images
+        least = max(BASE + self.light_field, self._after) + self.images
         available = limit - BASE - self.light_field - self.images
         takes = f"this run takes about {self.peak / 1e9:.2f} GB, more than the {limit / 1e9:.2f} GB allowed"
         if limit < least or self.volumes <= 0:
@@ -93,9 +99,10 @@ def estimate(
     nz, ny, nx = grid.shape
     layers = LAYER * min(deepest, nz) * 4.0 * ny * nx
     layers += min(HELD[0] * layers, HELD[1])
+    measured = 2.0 * MEASURED[0] * MEASURED[1] * (lens or grid).size
     if lens is not None and lens != grid:
         layers += 2 * SPREAD * KEPT * 8.0 * listed + 4.0 * min(nz, TOGETHER) * ny * nx
-    return MemoryEstimate(4.0 * pixels, layout + frame, 8.0 * listed, layers)  # 8 bytes as they are listed
+    return MemoryEstimate(4.0 * pixels, layout + frame, 8.0 * listed, layers, measured)  # 8 bytes as they are listed
 
 
 def of_settings(

@@ -72,5 +72,5 @@ def shared_plan(chain: Chain, memory_gb: float | None, workers: Workers) -> tupl
 
 def _of_report(needed: MemoryEstimate) -> float:
     """Bytes of a whole run's peak that drawing the report takes, which no worker does."""
-    without = memory.BASE + max(needed.light_field + needed.volumes, needed.layers) + needed.images
+    without = memory.BASE + max(needed.light_field + needed.volumes, needed.layers + needed.measured) + needed.images
     return needed.peak - without
