@@ -4,7 +4,8 @@ Twenty pairs of the small camera (benchmarks/accuracy/small_recording.py), simul
 killed at random moments, a few in each run, and once the scheduler, after which the same command goes on; each time the
 results are compared, byte by byte, with those of a run without Dask, but for times, memory and hashes of files that
 hold these. Then runs of sixty pairs with one and two workers of one thread take turns, so that what else the machine
-does falls on both: a start of Dask and a report take ten seconds whatever the workers. Writes
+does falls on both: a start of Dask and a report take ten seconds whatever the workers. What two cores of the machine
+give at most is measured by two runs without Dask at once against one alone. Writes
 campaigns/results/cluster.json after each run, and goes on where it was stopped; what is recorded for other
 sources is measured again.
 """
@@ -56,6 +57,22 @@ def timed(folder: Path, options: list[str]) -> dict[str, float]:
     summary = json.loads((folder / "results" / "summary.json").read_text())
     pairs = summary["timings_s"]["pairs on workers"]
     return {"whole_s": round(whole, 2), "pairs_s": round(pairs, 2), "load_before": round(load, 2)}
+
+
+def of_the_machine(folder: Path) -> dict[str, float]:
+    """Seconds of a run of one thread without Dask, alone and beside another one: what two cores give at most."""
+    one, two = folder, folder.with_name(folder.name + "-2")
+    if not two.exists():
+        shutil.copytree(one, two)
+    seconds = []
+    for folders in ([one], [one, two]):
+        for each in folders:
+            shutil.rmtree(each / "results", ignore_errors=True)
+        begin, single = time.perf_counter(), os.environ | {"NUMBA_NUM_THREADS": "1"}
+        runs = [subprocess.Popen([*COMMAND, str(f / "experiment.toml")], env=single) for f in folders]
+        assert [run.wait() for run in runs] == [0] * len(runs)
+        seconds.append(round(time.perf_counter() - begin, 2))
+    return {"alone_s": seconds[0], "both_s": seconds[1]}
 
 
 def contents(folder: Path) -> dict[str, object]:
@@ -139,7 +156,10 @@ def main() -> None:
     while len(found["speed"]) < REPEATS:
         turns = ("one", ONE), ("two", TWO)
         both = {name: timed(longer, options) for name, options in turns[:: (-1) ** len(found["speed"])]}
+        both["machine"] = of_the_machine(folder)
         found["speed"].append(both)
+        of_machine = [2 * each["machine"]["alone_s"] / each["machine"]["both_s"] for each in found["speed"]]
+        found["speed_up_of_machine"] = round(statistics.median(of_machine), 3)
         for part in ("whole_s", "pairs_s"):
             ratios = [each["one"][part] / each["two"][part] for each in found["speed"]]
             found[f"speed_up_of_{part.removesuffix('_s')}"] = round(statistics.median(ratios), 3)
