@@ -6,6 +6,7 @@ import pytest
 from plenopiv.displacement.correlation import fade
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.noise_amplification import noise_amplification
+from plenopiv.displacement.resolution import averaged_share
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.sub_windows import average_sub_windows, mean_weights
 from plenopiv.displacement.uncertainty import standard_deviation
@@ -42,13 +43,25 @@ def test_a_mean_is_that_of_the_voxels(axis, extrapolate):
         assert found == pytest.approx(sum(voxels) / len(voxels))
 
 
-def test_linear_fields_come_back_exactly_at_the_faces_too():
+def test_a_mean_over_a_share_is_that_of_the_middle_of_the_window():
+    share = (0.5, 0.75, 0.8)  # along x, y, z
+    for axis, part in enumerate(share[::-1]):
+        weights = mean_weights(WINDOWS, INNER, True, share)[axis]
+        knots, size = INNER.centres[axis], WINDOWS.size[axis]
+        values = np.random.default_rng(axis).normal(size=len(knots))
+        for middle, found in zip(WINDOWS.centres[axis], weights @ values, strict=True):
+            places = middle + part * (np.arange(size) - (size - 1) / 2)
+            assert found == pytest.approx(np.mean([between(values, knots, place, True) for place in places]))
+
+
+@pytest.mark.parametrize("share", [(1.0, 1.0, 1.0), (0.5, 0.75, 0.8)])
+def test_linear_fields_come_back_exactly_at_the_faces_too(share):
     slopes = np.random.default_rng(0).normal(size=(3, 3))
     inner, whole = (
         np.einsum("ca,a...->c...", slopes, np.meshgrid(*g.centres, indexing="ij")) for g in (INNER, WINDOWS)
     )
     found, raw, valid, ratio = average_sub_windows(
-        inner, inner, np.ones(INNER.shape, bool), np.full(INNER.shape, 3, np.float32), INNER, WINDOWS
+        inner, inner, np.ones(INNER.shape, bool), np.full(INNER.shape, 3, np.float32), INNER, WINDOWS, share
     )
     np.testing.assert_allclose(found, whole, atol=1e-12)
     np.testing.assert_allclose(raw, whole, atol=1e-12)
@@ -127,7 +140,7 @@ def test_error_bars_of_means():
     inner, whole = window_grid((64,) * 3, (20,) * 3, 0.6), window_grid((64,) * 3, (32,) * 3, 0.5)
     still, variance, valid = np.zeros((3, *inner.shape)), np.full((3, *inner.shape), 0.04), np.ones(inner.shape, bool)
     amplification = noise_amplification(inner, RESOLVED)
-    left = amplification.variance_of_mean(mean_weights(whole, inner, True))
+    left = amplification.variance_of_mean(mean_weights(whole, inner, True, averaged_share(RESOLVED)))
     std = standard_deviation(still, valid, variance, inner, RESOLVED, whole)
     np.testing.assert_allclose(std, np.broadcast_to(np.sqrt(amplification.gain * left * 0.04), std.shape))
     assert left[1, 1, 1] < left[0, 0, 0] < 0.7  # at a corner the outermost vectors count most
@@ -153,16 +166,16 @@ def mean_of_wave(y, size):
 
 
 def test_inner_windows_find_what_bends_in_a_window_and_say_how_well(particle_pair):
-    pair = particle_pair((64, 96, 64), wave, 14 / 32**3, seed=3)
+    pairs = [particle_pair((64, 96, 64), wave, 14 / 32**3, seed=seed) for seed in (3, 4, 5)]
     inside, errors = [], []
     for settings in (WHOLE, RESOLVED):
-        field = measure(*pair, settings)
-        np.testing.assert_array_equal(field.y, window_grid((64, 96, 64), (32, 32, 32), 0.5).centres[1])
-        error = field.displacement[0] - mean_of_wave(field.y, 32)[:, None]
-        errors.append(np.sqrt((error**2).mean()))
-        inside.append((np.abs(error) <= 2 * field.std[0]).mean())
+        fields = [measure(*pair, settings) for pair in pairs]
+        np.testing.assert_array_equal(fields[0].y, window_grid((64, 96, 64), (32, 32, 32), 0.5).centres[1])
+        error = [field.displacement[0] - mean_of_wave(field.y, 32)[:, None] for field in fields]
+        errors.append(np.sqrt(np.mean(np.square(error))))
+        inside.append(np.mean(np.abs(error) <= 2 * np.array([field.std[0] for field in fields])))
     assert errors[1] < 0.6 * errors[0]
-    assert field.valid.all()
+    assert all(field.valid.all() for field in fields)
     assert min(inside) > 0.8
 
 
@@ -186,6 +199,8 @@ def test_three_quarters_of_the_last_window_unless_said_otherwise():
     sizes = (64, 64, 32), (48, 40, 8)
     usual, none = CorrelationSettings(sizes), CorrelationSettings(sizes, inner_window=sizes[-1])
     assert usual.sub_window == (36, 30, 8)
-    assert usual.passes == [((64, 64, 32), 0.5), ((48, 40, 8), 0.5), *[((36, 30, 8), 0.6)] * 2]
+    assert usual.passes == [((64, 64, 32), 0.5), ((48, 40, 8), 0.5), *[((36, 30, 8), 0.5)] * 2]
     assert none.sub_window is None
+    deep = [CorrelationSettings(((64, 64, n),)).sub_window[2] for n in (12, 16, 20, 24, 48)]
+    assert deep == [12, 16, 16, 18, 36]  # a particle is up to 12 voxels long
     assert none.passes == [((64, 64, 32), 0.5), *[((48, 40, 8), 0.5)] * 2]

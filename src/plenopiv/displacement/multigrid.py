@@ -16,6 +16,7 @@ from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.offset import discrete_offset
 from plenopiv.displacement.predictor import SplineField, fit_spline, smooth_predictor
+from plenopiv.displacement.resolution import averaged_share
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.solid import Solid
 from plenopiv.displacement.sub_windows import average_sub_windows
@@ -202,7 +203,7 @@ def multi_grid(
     std = standard_deviation(displacement, valid, result.variance, plan[-1], settings, whole)
     found = displacement, result.displacement, valid, result.peak_ratio
     if whole is not None:
-        found = average_sub_windows(*found, plan[-1], whole)
+        found = average_sub_windows(*found, plan[-1], whole, averaged_share(settings))
     z, y, x = (whole or plan[-1]).centres
     field = DisplacementField(z, y, x, *found, std)
     return field if solid is None else field.without(solid.filled(whole or plan[-1], settings.windows[-1]))

@@ -2,7 +2,9 @@
 
 By deformation, a window follows a displacement that is linear across it. Where the flow is curved within the window,
 its particles disagree and bias the peak. Sub-windows follow the flow more closely but hold few particles each. The mean
-of their vectors over the larger window has that window's resolution and number of particles, and less of the bias.
+of their vectors over the larger window has that window's resolution and number of particles, and less of the bias. The
+mean is taken over a share of the window, since each sub-window is an average over its own extent already
+(``resolution.averaged_share``).
 """
 
 from __future__ import annotations
@@ -10,40 +12,51 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.displacement.settings import Sides
 from plenopiv.displacement.windows import WindowGrid
+
+WHOLE = (1.0, 1.0, 1.0)
 
 Weights = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 
-def mean_weights(windows: WindowGrid, sub_windows: WindowGrid, extrapolate: bool) -> Weights:
+def mean_weights(windows: WindowGrid, sub_windows: WindowGrid, extrapolate: bool, share: Sides = WHOLE) -> Weights:
     """Weight of each sub-window in the mean over each window: (windows, sub-windows) along z, y, x.
 
-    The mean over a window's voxels of values that are linear between the centres of sub-windows. Beyond the outermost
-    centres the values are extrapolated linearly if ``extrapolate``, else constant.
+    The mean over the middle ``share`` (along x, y, z) of a window of values that are linear between the centres of
+    sub-windows. Beyond the outermost centres the values are extrapolated linearly if ``extrapolate``, else constant.
     """
     return tuple(  # type: ignore[return-value]
-        _along(starts, size, knots, step, extrapolate)
-        for starts, size, knots, step in zip(
-            windows.starts, windows.size, sub_windows.centres, sub_windows.step, strict=True
+        _along(centres, offsets(size, part), knots, step, extrapolate)
+        for centres, size, part, knots, step in zip(
+            windows.centres, windows.size, share[::-1], sub_windows.centres, sub_windows.step, strict=True
         )
     )
 
 
+def offsets(size: int, share: float) -> NDArray[np.float64]:
+    """Places (size,) about the middle of a window of ``size`` voxels, evenly over a ``share`` of it: its voxels for
+    1."""
+    middle = 0.5 * (size - 1)
+    return np.array([share * (n - middle) for n in range(size)], np.float64)
+
+
 def _along(
-    starts: NDArray[np.int64], size: int, knots: NDArray[np.float64], step: int, extrapolate: bool
+    centres: NDArray[np.float64], off: NDArray[np.float64], knots: NDArray[np.float64], step: int, extrapolate: bool
 ) -> NDArray[np.float64]:
-    """``mean_weights`` along one axis."""
-    weights, last = np.zeros((starts.size, knots.size)), knots.size - 1
+    """``mean_weights`` along one axis, over places ``off`` the windows' ``centres``."""
+    size = off.size
+    weights, last = np.zeros((centres.size, knots.size)), knots.size - 1
     if last == 0:
         return weights + 1.0
-    place = (starts[:, None] + np.arange(size) - knots[0]) / step  # (windows, voxels), in steps of sub-windows
+    place = (centres[:, None] + off - knots[0]) / step  # (windows, places), in steps of sub-windows
     if not extrapolate:
         place = np.clip(place, 0, last)
     before = np.clip(np.floor(place).astype(np.int64), 0, last - 1)
-    share = place - before
-    window = np.broadcast_to(np.arange(starts.size)[:, None], before.shape)
-    np.add.at(weights, (window, before), (1 - share) / size)
-    np.add.at(weights, (window, before + 1), share / size)
+    after = place - before
+    window = np.broadcast_to(np.arange(centres.size)[:, None], before.shape)
+    np.add.at(weights, (window, before), (1 - after) / size)
+    np.add.at(weights, (window, before + 1), after / size)
     return weights
 
 
@@ -66,14 +79,16 @@ def average_sub_windows(
     peak_ratio: NDArray[np.float32],
     sub_windows: WindowGrid,
     windows: WindowGrid,
+    share: Sides = WHOLE,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.float32]]:
-    """Displacement, raw displacement, valid and peak ratio of ``windows`` from those of ``sub_windows``.
+    """Displacement, raw displacement, valid and peak ratio of ``windows`` from those of ``sub_windows``, averaged over
+    a ``share`` of each window.
 
     All four as in ``DisplacementField``. A window is valid where most of its weight is (``mostly_measured``); elsewhere
     its raw vector is the mean of the sub-windows' raw ones, outliers included. Of the peaks, the second over the first
     is averaged, with 1 where none was found, because the ratio itself has no upper limit.
     """
-    linear, constant = (mean_weights(windows, sub_windows, extrapolate) for extrapolate in (True, False))
+    linear, constant = (mean_weights(windows, sub_windows, extrapolate, share) for extrapolate in (True, False))
     measured = mostly_measured(valid, constant)
     mean = mean_over(displacement, linear)
     as_measured = np.where(measured, mean, mean_over(raw, linear))

@@ -37,6 +37,7 @@ from scipy.spatial import cKDTree
 from plenopiv.displacement.correlation import Spectra, WindowCorrelator
 from plenopiv.displacement.noise_amplification import bias_factor, noise_amplification, strides
 from plenopiv.displacement.peaks import gaussian_offset
+from plenopiv.displacement.resolution import averaged_share
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.spectra import as_correlated
 from plenopiv.displacement.sub_windows import mean_over, mean_weights, mostly_measured
@@ -248,10 +249,11 @@ def standard_deviation(
         out[:, :, ~valid] = np.stack([noise, off * bias])[:, :, valid][:, :, index].mean(-1)
     if whole is None:
         return np.sqrt(out.sum(0))
-    constant = mean_weights(whole, windows, extrapolate=False)
+    share = averaged_share(settings)
+    constant = mean_weights(whole, windows, extrapolate=False, share=share)
     bias = mean_over(out[1], constant)
     noise = mean_over(np.sqrt(out[0]), constant) ** 2
     # replaced sub-windows come from the same few neighbours: a mean over them has no less noise
-    of_mean = amplification.variance_of_mean(mean_weights(whole, windows, extrapolate=True))
+    of_mean = amplification.variance_of_mean(mean_weights(whole, windows, extrapolate=True, share=share))
     measured = of_mean * noise + _BIAS_OF_MEAN * bias
     return np.sqrt(np.where(mostly_measured(valid, constant), measured, noise + bias))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from plenopiv.displacement.resolution import effective_window
 from plenopiv.experiment import Experiment
 from plenopiv.report.document import plain
 from plenopiv.velocity import replaced_share
@@ -42,6 +43,7 @@ def _numbers(
     spacing = [float(np.diff(dataset[axis].values[:2])[0]) if sizes[axis] > 1 else None for axis in axes]
     voxel_mm = experiment.volume.voxel_mm
     windows = experiment.correlation.windows[-1]
+    resolved = effective_window(experiment.correlation.settings())
     window_mm = [n * d for n, d in zip(windows, voxel_mm, strict=True)]
     recording = experiment.recording_table
     numbers = [
@@ -49,6 +51,7 @@ def _numbers(
         (f"{pairs:,}", "pairs" if pairs != 1 else "pair"),
         (f"{100 * valid:.1f} %", "measured, not replaced"),
         (_times(windows, "d") + " voxels", f"last window: {_times(window_mm, '.3g')} mm"),
+        (_times(resolved, ".0f") + " voxels", "box whose mean resolves the same"),
         (_times(spacing, ".2f") + " mm", "vector spacing x, y, z"),
         (f"{experiment.grid().size / 1e6:.1f} million", "voxels"),
     ]

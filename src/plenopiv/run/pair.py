@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plenopiv.chain import Chain
+from plenopiv.displacement.resolution import effective_window
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io.netcdf import write_velocity
 from plenopiv.io.series_file import pair_file
@@ -168,7 +169,9 @@ class Job:
         if self.gradients:
             derived = velocity_gradients(velocity.isel(time=0), self.chain.correlation).drop_vars("time")
             velocity = velocity.assign(derived.expand_dims(time=velocity.time))
+        resolved = list(effective_window(self.chain.correlation))
         velocity.attrs |= {"source": self.source, "quality": self.judge.quality(record.findings)}
+        velocity.attrs["effective_window_voxels"] = resolved
         name = "velocity.nc" if only else pair_file(record.pair)
         self._path(name)
         write_velocity(self._path(name), velocity)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import plenopiv
+from plenopiv.displacement.resolution import effective_window
 from plenopiv.experiment import Experiment
 from plenopiv.io.aside import told_of
 from plenopiv.io.netcdf import read_velocity
@@ -63,6 +64,7 @@ def summary_of(
         "calibration": dict(calibration),
         "frame": plan.chain.frame,
         "voxels": plan.chain.grid.size,
+        "effective_window_voxels": list(effective_window(plan.chain.correlation)),
         "reconstruction": frames,
         "vectors": vectors,
         **({"vectors_inside_body": sum(inside)} if inside else {}),
@@ -112,7 +114,8 @@ def write_results(
     names = ["experiment.toml", "report.html", "summary.json"]
     if len(records) > 1:
         there = {number: folder.there(name) for number, name in files.items()}
-        write_series(folder.path("velocity.nc"), shown, times, there, {"quality": summary["quality"]})
+        attributes = {name: summary[name] for name in ("quality", "effective_window_voxels")}
+        write_series(folder.path("velocity.nc"), shown, times, there, attributes)
         names.append("velocity.nc")
     with clock("report"), told_of(folder.path("report.html")):
         folder.write_text("experiment.toml", experiment.dump_toml(experiment.output_directory))

@@ -123,6 +123,7 @@ def neighbour_correlation(settings: CorrelationSettings) -> NDArray[np.float64]:
     """Correlation (3, 3) along x, y, z of the errors of vectors 0, 1 and 2 steps apart, for white noise in the volume
     and windows away from the faces. Computed once for each ``settings``."""
     from plenopiv.displacement.noise_amplification import noise_amplification
+    from plenopiv.displacement.resolution import averaged_share
     from plenopiv.displacement.sub_windows import mean_weights
     from plenopiv.displacement.windows import window_grid
 
@@ -134,7 +135,7 @@ def neighbour_correlation(settings: CorrelationSettings) -> NDArray[np.float64]:
         covariance = noise_amplification(windows, settings).covariance
     else:
         inner = window_grid(shape, settings.sub_window, settings.inner_overlap)  # type: ignore[arg-type]
-        rows = mean_weights(windows, inner, extrapolate=True)
+        rows = mean_weights(windows, inner, extrapolate=True, share=averaged_share(settings))
         covariance = noise_amplification(inner, settings).covariance
     out = np.empty((3, APART + 1))
     for axis in range(3):
