@@ -17,7 +17,7 @@ MOST = 8  # frames whose light is put together, spread over the recording
 
 def with_drift(camera: PlenopticCamera, recording: Recording) -> tuple[PlenopticCamera, dict[str, Any]]:
     """The ``camera``, whose lattice is the white image's, with the lattice that the frames show, and what was found:
-    nothing without a white image. Warns where the frames do not tell."""
+    nothing without a white image, a "drift" of None where the frames do not show it."""
     white = recording.white()
     if white is None:
         return camera, {}
