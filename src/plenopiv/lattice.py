@@ -65,6 +65,26 @@ class LatticeMap:
                 break
         return at
 
+    def moved(self, shift_mm: complex, by: complex) -> tuple[LatticeMap, complex]:
+        """The map of an array that was turned and stretched by ``by`` about the optical axis, then shifted, and how
+        much further its regular lattice is shifted, mm: what it moves on the axis belongs there."""
+
+        def displaced(at: NDArray[np.complex128]) -> NDArray[np.complex128]:
+            """Displacement of points of the regular lattice that lie at ``at`` after the motion."""
+            was = (at - shift_mm) / by
+            ds, dt = self.displacement(was.real, was.imag)
+            return np.asarray(by * (ds + 1j * dt))
+
+        more = 0j
+        for _ in range(STEPS):
+            more = complex(displaced(np.array([-more]))[0])
+        size = np.linspace(-1.0, 1.0, 2 * self.degree + 3)
+        u, v = (each.ravel() for each in np.meshgrid(size, size))
+        found = displaced(np.asarray((u + 1j * v) * self.unit_mm - more, np.complex128)) - more
+        terms = np.stack([u**p * v**q for p, q in powers(self.degree)], -1)
+        fitted = np.linalg.lstsq(terms.astype(complex), found, rcond=None)[0]
+        return replace(self, coefficients_mm=tuple((float(c.real), float(c.imag)) for c in fitted)), more
+
 
 def powers(degree: int) -> list[tuple[int, int]]:
     """Powers (of s, of t) of the monomials of total degree 1 to ``degree``: s, t, s^2, s t, t^2, s^3, ..."""
@@ -131,6 +151,19 @@ class Lattice:
             coefficients = tuple((a * factor, b * factor) for a, b in self.map.coefficients_mm)
             moved = replace(self.map, unit_mm=self.map.unit_mm * factor, coefficients_mm=coefficients)
         return replace(self, pitch_mm=self.pitch_mm * factor, offset_mm=(s * factor, t * factor), map=moved)
+
+    def moved(self, shift_mm: tuple[float, float], turn_rad: float = 0.0, scale: float = 0.0) -> Lattice:
+        """The same lenses, turned counter-clockwise in (s, t) about the optical axis, 1 + ``scale`` times as far from
+        it, and then shifted by ``shift_mm`` in s and t."""
+        by, shift = (1.0 + scale) * complex(cos(turn_rad), sin(turn_rad)), complex(*shift_mm)
+        offset = shift + by * complex(*self.offset_mm)
+        bent = None
+        if self.map is not None:
+            bent, more = self.map.moved(shift, by)
+            offset += more
+        return Lattice(
+            self.kind, self.pitch_mm * abs(by), self.rotation_rad + turn_rad, (offset.real, offset.imag), bent
+        )
 
     def regular_centres(self, i: ArrayLike, j: ArrayLike) -> tuple[NDArray, NDArray]:
         """``centres`` before ``map`` moves them."""

@@ -1,11 +1,13 @@
 """calibration.toml: what is written is read back bit for bit, and what is damaged is refused."""
 
 import tomllib
+from dataclasses import replace
 
 import pytest
 import tomli_w
 from calibrations import calibrated
 
+from plenopiv.cameras.space_map import ViewShift
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io.calibration_file import load_calibration, save_calibration
 
@@ -29,6 +31,17 @@ def test_what_is_written_is_read_bit_for_bit(tmp_path, irregular):
     save_calibration(found, inputs, tmp_path / "two.toml")
     assert (tmp_path / "one.toml").read_bytes() == (tmp_path / "two.toml").read_bytes()
     assert {path.name for path in tmp_path.iterdir()} == {"one.toml", "two.toml"}
+
+
+def test_a_self_calibration_is_kept_with_it(tmp_path):
+    beside = ViewShift(12.5, 3.3, 1, tuple((0.1 * k, 1 / (3 + k)) for k in range(5)))
+    save_calibration(replace(calibrated(), beside=beside), INPUTS, tmp_path / "one.toml")
+    assert load_calibration(tmp_path / "one.toml")[0].beside == beside
+    tables = tomllib.loads((tmp_path / "one.toml").read_text())
+    del tables["self_calibration"]["u_mm"]
+    (tmp_path / "two.toml").write_text(tomli_w.dumps(tables))
+    with pytest.raises(PlenoPIVError, match="'u_mm' is missing"):
+        load_calibration(tmp_path / "two.toml")
 
 
 def keys(table, above=()):

@@ -103,6 +103,18 @@ class ViewShift:
         u, s = np.asarray(u_mm, float) / self.u_mm, np.asarray(s_mm, float) / self.s_mm
         return _of_view_and_place(u, s, self.degree) @ np.array(self.coefficients_mm)
 
+    def plus(self, other: ViewShift) -> ViewShift:
+        """Both shifts together."""
+        degree = max(self.degree, other.degree)
+        every = [p for p in product(range(degree + 1), repeat=4) if sum(p) <= degree]
+        total = dict.fromkeys(every, np.zeros(2))
+        for one in (self, other):
+            u, s = self.u_mm / one.u_mm, self.s_mm / one.s_mm
+            of_one = (p for p in every if sum(p) <= one.degree)
+            for p, coefficients in zip(of_one, one.coefficients_mm, strict=True):
+                total[p] = total[p] + np.array(coefficients) * u ** (p[0] + p[1]) * s ** (p[2] + p[3])
+        return ViewShift(self.u_mm, self.s_mm, degree, tuple((float(a), float(b)) for a, b in total.values()))
+
     def of_views(self, u_mm: ArrayLike) -> NDArray[np.float32]:
         """Of views at ``u_mm`` (views, 2) the nearest sums of ``PLACE_POWERS``, s and t in mm: (views, terms, 2)."""
         axis = np.linspace(-self.s_mm, self.s_mm, 9)

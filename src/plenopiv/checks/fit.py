@@ -114,7 +114,7 @@ def finding(found: Fit, name: str) -> Finding:
             f"the microlenses of {name} lie {found.shift_px:.1f} px off those of the white image",
             found.shift_px,
             "px",
-            "lens or array moved a little since; take a new white image, or depth will be biased",
+            'lens or array moved a little since; take a new white image, or set recording.drift = "auto"',
         )
     if given >= FITS:
         words = f"the light of {name} falls under the white image's microlenses"

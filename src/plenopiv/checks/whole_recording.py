@@ -11,8 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.calibration import LatticeFit
+from plenopiv.calibration.drift import DriftFit, find_drift, light_of
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.checks import at_rest, filtered, fit, lens_blur, light, motion, repeats, reversal, stamps, static, white
+from plenopiv.checks import (
+    at_rest,
+    drift,
+    filtered,
+    fit,
+    lens_blur,
+    light,
+    motion,
+    repeats,
+    reversal,
+    stamps,
+    static,
+    white,
+)
 from plenopiv.checks.findings import Finding
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
@@ -34,7 +48,8 @@ Progress = Callable[[str, int, int], None]
 class CheckResult:
     """Findings on a recording, and what was measured for them.
 
-    ``frame`` and ``white`` are upright counts; ``camera`` has the ``lattice`` of the white image, where one was found;
+    ``frame`` and ``white`` are upright counts; ``camera`` has the ``lattice`` of the white image, where one was found,
+    moved by ``drift`` where frames show one;
     ``fit``, ``light`` and ``motion`` are None where an earlier finding leaves nothing to measure.
     """
 
@@ -47,6 +62,12 @@ class CheckResult:
     fit: fit.Fit | None = None
     light: light.Light | None = None
     motion: motion.Motion | None = None
+    drift: DriftFit | None = None
+
+    @property
+    def white_now(self) -> NDArray | None:
+        """The white image as it would be now, where the array has drifted."""
+        return self.white if self.white is None or self.drift is None else self.drift.drift.moved(self.white)
 
     def __repr__(self) -> str:
         counts = Counter(finding.severity for finding in self.findings)
@@ -69,13 +90,15 @@ def check(
     with_motion: bool = True,
     stated: bool = True,
     blur_measured: bool | None = False,
+    drift_measured: bool = False,
 ) -> CheckResult:
     """Check a recording: files, white image, frames against it, light, seeding, displacement.
 
     ``camera`` as it is stated, ``grid`` and ``correlation`` as a run would take them. ``progress(stage, done, total)``.
     ``with_motion``: the displacement too, which takes longest and which a run measures itself. ``stated``: the stated
     aperture is used, not that of a calibration with a target. ``blur_measured``: the main lens' blur is not stated, a
-    run measures it; None: it is not looked for.
+    run measures it; None: it is not looked for. ``drift_measured``: a run follows microlenses that have moved since the
+    white image.
 
     Raises:
         PlenoPIVError: the white image cannot be read, or no pair of frames.
@@ -105,10 +128,9 @@ def check(
         if not taken_off and "static-light" not in [finding.name for finding in findings]:
             findings += _at_rest(recording, seen.camera, image)
         report("frames against the white image", 0, 1)
-        fits = fit.fits(frames, image, seen.camera.image_pitch_px, camera.sensor.black_level)
+        seen, of_frames = _against_white(recording, seen, chosen, frames, names, drift_measured)
+        findings += of_frames
         report("frames against the white image", 1, 1)
-        findings += _worst([fit.finding(f, name) for f, name in zip(fits, names, strict=True)])
-        seen = replace(seen, fit=fits[0])
         if any(finding.severity == "unusable" for finding in findings if finding.name in ("flipped", "other-camera")):
             return replace(seen, findings=tuple(findings))
     how = report, with_motion, blur_measured
@@ -133,6 +155,32 @@ def readable(recording: Recording) -> tuple[list[int], list[Finding]]:
         advice = "copy the file again; a run sets its pairs aside"
         out = [Finding("damaged-frame", "warning", next(iter(bad.values())) + more, float(len(bad)), "frames", advice)]
     return sorted({*pair, last[1]}), out
+
+
+def _against_white(
+    recording: Recording, seen: CheckResult, chosen: list[int], frames: list[NDArray], names: list[str], drifts: bool
+) -> tuple[CheckResult, list[Finding]]:
+    """How ``frames``, of numbers ``chosen``, lie to the white image, where the array has drifted to it as it would be
+    now, and findings on that."""
+    white, camera = seen.white, seen.camera
+    assert white is not None
+    level = camera.sensor.black_level
+
+    def compared(with_white: NDArray) -> tuple[CheckResult, list[Finding]]:
+        fits = fit.fits(frames, with_white, camera.image_pitch_px, level)
+        found = _worst([fit.finding(each, name) for each, name in zip(fits, names, strict=True)])
+        return replace(seen, fit=fits[0]), found
+
+    as_it_was, found = compared(white)
+    if not drifts or any(finding.name == "flipped" for finding in found):
+        return as_it_was, found
+    moved = find_drift(light_of(recording, chosen), white - np.float32(level), camera, recording.unusable)
+    if moved is None or (of_drift := drift.finding(moved, camera.sensor)) is None:
+        return as_it_was, found
+    now, found = compared(moved.drift.moved(white))
+    if any(finding.severity == "unusable" for finding in found):
+        return as_it_was, found
+    return replace(now, camera=moved.drift.of(camera), drift=moved), [*found, of_drift]
 
 
 def _files(recording: Recording) -> list[Finding]:
@@ -243,8 +291,9 @@ def _light_and_motion(
     where = layout(camera, None if unusable is None else middle_of(unusable, part))
     projector = PlenopticProjector(where, grid, "1-ray")  # only its geometry is used
     gain = NO_WHITE_IMAGE
-    if seen.white is not None:
-        gain = counts_per_electron(decode(middle_of(seen.white, part), where))
+    if seen.white is not None and seen.lattice is not None:
+        of_white = layout(camera.with_lattice(seen.lattice.lattice)) if seen.drift else where
+        gain = counts_per_electron(decode(middle_of(seen.white, part), of_white))
     clean: list[NDArray] = list(frames)
     taken = recording.static_light
     if taken is not None:

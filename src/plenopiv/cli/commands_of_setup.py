@@ -55,3 +55,24 @@ def orientation(
     from plenopiv.cli.orientation import orientation
 
     _finish("orientation", orientation(experiment, images, [where.value for where in moved or []]))
+
+
+@app.command()
+def selfcalibrate(experiment: ExperimentFile) -> None:
+    """Correct a calibration with a target by the particles of the recording.
+
+    What a target leaves wrong of the views against each other, by place and depth, particles of the first pair show:
+    views are shifted, by smooth polynomials, until each particle's light in all views is that of one point. The second
+    frame judges: where it is not explained better, nothing is changed. The correction goes into calibration.toml, where
+    plenopiv run finds it; plenopiv calibrate --overwrite takes it out again.
+
+    A shift of all that is seen, a scale and a shift of depth cannot be told from particles: they stay the target's.
+
+    \b
+    Example:
+        plenopiv calibrate run7/experiment.toml
+        plenopiv selfcalibrate run7/experiment.toml
+    """
+    from plenopiv.cli.self_calibrate import self_calibrate
+
+    _finish("selfcalibrate", self_calibrate(experiment))

@@ -81,9 +81,10 @@ def check(file: Path, every: bool = False) -> Outcome:
     with Progress() as progress:
         grid = space.grid_of(experiment, space.space_of(experiment, recording))
         look = partial(check, stated=experiment.calibration is None, blur_measured=experiment.blur_measured)
+        look = partial(look, drift_measured=experiment.drift_measured)
         found = look(recording, experiment.camera(), grid, experiment.correlation.settings(), progress)
         if every:
-            pairs = PairCheck(recording.sensor, found.white, found.camera.image_pitch_px, recording.unusable)
+            pairs = PairCheck(recording.sensor, found.white_now, found.camera.image_pitch_px, recording.unusable)
             found = replace(found, findings=(*found.findings, *every_pair(recording, pairs, progress)))
     drawn = _drawn(experiment, "check.png", check_figure(found))
     lines = [line for finding in found.findings for line in _finding_lines(finding)]

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from plenopiv.cameras.drift import ArrayDrift
 from plenopiv.cli.progress import Progress
 from plenopiv.cli.terminal import command_line
 from plenopiv.errors import PlenoPIVError
@@ -71,6 +72,7 @@ def recorded(experiment: Experiment, folder: Path, overwrite: bool) -> Simulated
             "rays": wanted.rays,
             "voxel_mm": volume.voxel_mm,
             "windows": experiment.correlation.windows,
+            "drift": None if wanted.drift is None else ArrayDrift(**wanted.drift.model_dump()),
             "seed": wanted.seed,
             "overwrite": overwrite,
             "progress": partial(progress, "tracing particles"),

@@ -182,6 +182,11 @@ class Experiment(Table):
             return None
         return self.camera_table.main_lens.blur_mm == "auto"
 
+    @property
+    def drift_measured(self) -> bool:
+        """Whether microlenses that have moved since the white image are followed."""
+        return self.recording_table.drift == "auto" and self.recording_table.white is not None
+
     def grid(self) -> VoxelGrid:
         """The voxels of [volume]."""
         volume = self.volume

@@ -52,13 +52,21 @@ class TrueTargetTable(Table):
     cut: Annotated[tuple[CutDotTable, ...], Field(strict=False)] = ()
 
 
+class DriftTable(Table):
+    """``[simulation.drift]``: of the microlens array since the white image (``cameras.drift.ArrayDrift``)."""
+
+    shift_px: Pair = (0.0, 0.0)
+    turn_deg: Angle = 0.0
+    scale: Share = 0.0
+
+
 class SimulationTable(Table):
     """``[simulation]``: flow and light of a synthetic recording. Read by ``plenopiv simulate`` alone, never by a run.
 
     ``flow`` and its ``parameters`` are those of ``simulation.flows``; light and seeding are explained in
     ``simulation.simulated_recording.Seeding``, noise in ``simulation.sensor_noise.SensorNoise``. The lattice lies where
     [camera.microlens_array] says, the seeded box is [volume] and ``margin_mm`` around it. With [medium], [calibration]
-    or one of the tables below, the camera is a ``simulation.real_camera.RealCamera``.
+    or one of the tables below but drift, the camera is a ``simulation.real_camera.RealCamera``.
     """
 
     flow: str
@@ -79,6 +87,7 @@ class SimulationTable(Table):
     optics: TrueOpticsTable | None = None
     pose: PoseTable | None = None
     target: TrueTargetTable | None = None
+    drift: DriftTable | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> SimulationTable:

@@ -242,7 +242,8 @@ class RecordingTable(Table):
     (``recording.pairs``). ``dark``: an image with the sensor covered. ``background``: an image of the static light, or
     one for each pulse (``recording.static_light``), or "minimum" of the frames themselves (``recording.background``).
     ``mask``: an image that is 0, or polygons, where pixels shall not be used (``recording.masks``). ``orientation`` has
-    no default: a wrong one turns every velocity by 180 degrees without a sign of it.
+    no default: a wrong one turns every velocity by 180 degrees without a sign of it. ``drift``: whether microlenses
+    that have moved since the white image was taken are followed (``calibration.drift``).
     """
 
     white: FileName | None = None
@@ -254,14 +255,12 @@ class RecordingTable(Table):
     mask: Annotated[str | tuple[Any, ...], PlainValidator(_mask), STRING_OR_ARRAY] | None = None
     dt_s: PositiveFloat
     orientation: Literal["upright", "sensor"]
+    drift: Literal["auto", "none"] = "auto"
 
     @model_validator(mode="after")
     def _one_of_both(self) -> RecordingTable:
         if (self.frames is None) == (self.pairs is None):
-            raise ValueError(
-                "give exactly one of frames (a sequence, dt_s apart) and pairs (of a double-frame camera, dt_s between "
-                "the two)"
-            )
+            raise ValueError("give exactly one of frames (a sequence, dt_s apart) and pairs (dt_s between the two)")
         if self.stacked is not None and not isinstance(self.pairs, str):
             raise ValueError('stacked goes with pairs = "run_*.tif", whose images hold both pulses')
         return self

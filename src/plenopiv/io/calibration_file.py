@@ -12,6 +12,7 @@ from plenopiv.calibration.target.calibrated import PlaneResidual, TargetCalibrat
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import LensRim, MainLens, PlenopticCamera
 from plenopiv.cameras.ray_model import RayModel
+from plenopiv.cameras.space_map import ViewShift
 from plenopiv.errors import PlenoPIVError, brief
 from plenopiv.experiment import text
 from plenopiv.io.aside import written_aside
@@ -23,7 +24,8 @@ HEADER = """\
 # [parameters]: what the dots and the data sheet say together, each with its standard deviation.
 # [[planes]]: RMS and mean in um, along x, y, z, by which dots lie off that had no part in the fit.
 # field_um: RMS by blocks of the field, rows from +y down. views_um: [m, n, s, t] of each view, its pixel offset and the
-# mean shift of all dots in it on the microlens plane.
+# mean shift of all dots in it on the microlens plane. [self_calibration]: how far rays fall beside all that, as
+# particles show it: made by plenopiv selfcalibrate, polynomials of places on main lens and microlens plane.
 
 """
 NO_NUMBERS = {"kind", "alignment", "image", "medium", "map"}
@@ -46,6 +48,7 @@ def save_calibration(calibration: TargetCalibration, inputs: Mapping[str, str], 
         "residuals": {"field_um": calibration.field_um, "views_um": calibration.views_um},
         "camera": {k: v for k, v in _without_none(asdict(calibration.camera)).items() if k != "blur_mm"},
         "rays": asdict(calibration.model),
+        **({} if calibration.beside is None else {"self_calibration": asdict(calibration.beside)}),
     }
     with written_aside(path) as aside:
         aside.write_text(HEADER + tomli_w.dumps(document), encoding="utf-8")
@@ -94,6 +97,7 @@ def _calibration(data: Mapping[str, Any]) -> TargetCalibration:
         tuple(_exactly(PlaneResidual, plane, finite=False) for plane in data["planes"]),
         field,
         tuple((int(m), int(n), _number(s), _number(t)) for m, n, s, t in views),
+        _exactly(ViewShift, data["self_calibration"]) if "self_calibration" in data else None,
     )
 
 

@@ -27,7 +27,8 @@ def check_figure(found: CheckResult) -> Figure:
     figure = Figure(figsize=(13.0, 8.6), layout="constrained")
     (first, second, shifts), (counts, moves, words) = figure.subplots(2, 3)
     if found.white is not None:
-        _raw(first, raw_crops(found.white, found.camera, "white image")[1])
+        lattice = found.camera.lattice if found.lattice is None else found.lattice.lattice
+        _raw(first, raw_crops(found.white, found.camera.with_lattice(lattice), "white image")[1])
     else:
         _nothing(first, "no white image")
     _raw(second, raw_crops(found.frame, found.camera, found.name)[1])

@@ -21,6 +21,7 @@ from plenopiv.lightfield import decode, layout
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
 from plenopiv.recording.background import static_light_of_frames
+from plenopiv.run.drift import with_drift
 from plenopiv.run.lens_blur import with_blur
 from plenopiv.run.solid import solid_of
 from plenopiv.run.target import target_calibration
@@ -90,13 +91,21 @@ def calibrated_chain(
     camera, found = calibrated_camera(experiment, recording, fit, target)
     if recording.background_of_frames:
         recording, found["static_light"] = with_static_light(recording, camera, progress)
+    of_white = camera
+    if experiment.drift_measured:
+        camera, of_array = with_drift(camera, recording)
+        found |= of_array
     chain = chain_of(experiment, camera, recording.unusable, solid, space)
     if experiment.blur_measured:
         camera, of_lens = with_blur(chain, recording)
         found |= of_lens
         chain = chain_of(experiment, camera, recording.unusable, solid, space)
     where, white = chain.layout, recording.white()  # the projection is made now, the layout once
-    return (chain if white is None else chain.with_noise(counts_per_electron(decode(white, where)))), recording, found
+    if white is None:
+        return chain, recording, found
+    if of_white.lattice != camera.lattice:
+        where = layout(of_white, recording.unusable)
+    return chain.with_noise(counts_per_electron(decode(white, where))), recording, found
 
 
 def chain_of(

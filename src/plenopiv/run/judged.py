@@ -137,6 +137,7 @@ def judged(
         with_motion=False,
         stated=experiment.calibration is None,
         blur_measured=experiment.blur_measured,
+        drift_measured=experiment.drift_measured,
     )
     found = look(recording, *settings)
     bad = _unusable(found)
@@ -148,7 +149,7 @@ def judged(
     if bad and not (force and possible):
         more = "".join(f"; {finding.words}" for finding in bad[1:])
         raise PlenoPIVError(f"{bad[0].words}: {bad[0].advice}{more}{f'; {FORCE}' if possible else ''}")
-    pairs = PairCheck(recording.sensor, found.white, found.camera.image_pitch_px, recording.unusable)
+    pairs = PairCheck(recording.sensor, found.white_now, found.camera.image_pitch_px, recording.unusable)
     findings = list({finding.name: finding for finding in reversed(found.findings)}.values())[::-1]
     findings = [finding for finding in findings if finding.severity != "good"]
     for finding in findings:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.cameras.drift import ArrayDrift
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.chain import Chain
 from plenopiv.checks import Finding, PairCheck, common
@@ -218,6 +219,8 @@ class KeptVolumes:
         """
         solid = solid_of(experiment)
         camera, _ = calibrated_camera(experiment, recording)
+        if experiment.drift_measured and (drift := self.summary["calibration"].get("drift")):
+            camera = ArrayDrift(tuple(drift["shift_px"]), drift["turn_deg"], drift["scale"]).of(camera)
         if experiment.blur_measured:
             camera = replace(camera, blur_mm=self.summary["calibration"]["blur_mm"])
         stated, unusable = self.inputs["calibration"], recording.unusable

@@ -15,6 +15,7 @@ from plenopiv.recording import ImageSource, Recording
 from plenopiv.refocusing import image_axes, refocused, sub_aperture
 from plenopiv.run import space
 from plenopiv.run.calibrated import calibrated_camera
+from plenopiv.run.drift import with_drift
 from plenopiv.run.frame import Progress
 
 RIM = 0.87  # of the aperture's radius: further out a pixel is lit under some microlenses alone
@@ -43,6 +44,8 @@ def light_field(experiment: Experiment, frame: str | None) -> tuple[LightField, 
     recording = experiment.recording()
     k = number_of(recording, frame)
     camera, _ = calibrated_camera(experiment, recording)
+    if experiment.drift_measured:
+        camera, _ = with_drift(camera, recording)
     return decode(recording.frame(k), layout(camera)), recording.frames[k]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.cameras.drift import ArrayDrift
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.errors import PlenoPIVError
@@ -110,6 +111,7 @@ def simulate_real_recording(
     rays: int = 20_000,
     voxel_mm: tuple[float, float, float] | None = None,
     windows: tuple[tuple[int, int, int], ...] = ((128, 128, 32), (64, 64, 16)),
+    drift: ArrayDrift | None = None,
     seed: int = 0,
     overwrite: bool = False,
     progress: Progress | None = None,
@@ -117,9 +119,10 @@ def simulate_real_recording(
     """Simulate pairs of frames, white image and what ``extras`` ask for, and write the recording's folder.
 
     As ``simulate_recording``, with a real camera: ``flow``, ``volume_mm`` and the particles are in the laboratory's
-    frame. ``sheet``: the camera that the experiment file states, by default ``data_sheet``; ``medium_known``: whether
-    the file states fluid and window. One pair is a.tif and b.tif, several are run_0001_a.tif, run_0001_b.tif ..., their
-    particles truth_particles.npz or truth_particles_0001.npz ...
+    frame; ``drift`` is of the frames alone, not of white image and target. ``sheet``: the camera that the experiment
+    file states, by default ``data_sheet``; ``medium_known``: whether the file states fluid and window. One pair is
+    a.tif and b.tif, several are run_0001_a.tif, run_0001_b.tif ..., their particles truth_particles.npz or
+    truth_particles_0001.npz ...
 
     Raises PlenoPIVError as ``simulate_recording`` does, and where particles or targets are not in the fluid.
     """
@@ -156,6 +159,7 @@ def simulate_real_recording(
             )  # fmt: skip
             images[Path(name).stem] = counts(light, target_rng)
 
+    now = replace(camera, lattice=drift.of(true_sheet).lattice) if drift else camera
     moved: dict[str, tuple[Particles, Particles]] = {}
     for number, rng in enumerate(pair_rngs, 1):
         a, b = seed_pair(true_sheet, flow, dt_s, volume_mm, seeding, rng)
@@ -164,7 +168,7 @@ def simulate_real_recording(
         for k, frame in enumerate((a, b)):
             before = (2 * (number - 1) + k) * len(a.electrons)
             light = real_particle_image(
-                camera,
+                now,
                 frame,
                 rays=rays,
                 seed=2 * (seed + (number - 1) * 7919) + k,
@@ -190,6 +194,7 @@ def simulate_real_recording(
         "gain_counts_per_electron": noise.gain,
         "read_noise_electrons": noise.read_noise_electrons,
         "background_electrons": seeding.background_electrons,
+        **({"drift": asdict(drift)} if drift else {}),
     }
     stated, medium = sheet or true_sheet, camera.medium
     index = 1.0 if medium is None else medium.refractive_index

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from math import degrees
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from plenopiv.cameras.drift import ArrayDrift
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.sensor import Orientation
@@ -123,6 +124,7 @@ def simulate_recording(
     rays: int = 20_000,
     voxel_mm: tuple[float, float, float] | None = None,
     windows: tuple[tuple[int, int, int], ...] = ((128, 128, 32), (64, 64, 16)),
+    drift: ArrayDrift | None = None,
     seed: int = 0,
     overwrite: bool = False,
     progress: Progress | None = None,
@@ -133,7 +135,8 @@ def simulate_recording(
     ``experiment.toml`` asks to reconstruct; the seeded box is that and a margin (``Seeding``). ``particles``: given
     positions in the two frames instead of seeded ones. ``voxel_mm`` as in ``default_voxel_mm`` unless given.
     ``windows`` are copied to the file. ``rays`` per particle; ``diffraction`` blurs by the microlenses at
-    ``wavelength_nm``. The lattice, with its rotation and offset, is the camera's. Everything follows from ``seed``.
+    ``wavelength_nm``. The lattice, with its rotation and offset, is the camera's, and in the frames what ``drift`` has
+    made of it. Everything follows from ``seed``.
     ``progress(done, total)`` counts the particles of both frames.
 
     Files are written aside and renamed, experiment.toml last. Raises PlenoPIVError when the folder already holds a
@@ -150,10 +153,10 @@ def simulate_recording(
     flat = white_image(camera, white.electrons_per_pixel, falloff=white.falloff, diffraction_nm=diffraction_nm)
     images = {"white": digitise(flat, camera.sensor, noise, noise_rngs[0], orientation)}
     del flat  # a quarter of a gigabyte at full size
-    total = len(a.electrons) + len(b.electrons)
+    total, now = len(a.electrons) + len(b.electrons), (drift or ArrayDrift()).of(camera)
     for k, (name, frame) in enumerate((("a", a), ("b", b))):
         light = particle_image(
-            camera,
+            now,
             frame,
             rays=rays,
             seed=2 * seed + k,
@@ -176,6 +179,7 @@ def simulate_recording(
         "gain_counts_per_electron": noise.gain,
         "read_noise_electrons": noise.read_noise_electrons,
         "background_electrons": seeding.background_electrons,
+        **({"drift": asdict(drift)} if drift else {}),
     }
     texts = {
         "optics.json": json.dumps(

@@ -18,7 +18,7 @@ from plenopiv.cameras.lens_space import space_map
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import LensRim, MainLens, PlenopticCamera
 from plenopiv.cameras.ray_model import RayModel
-from plenopiv.cameras.space_map import SpaceMap
+from plenopiv.cameras.space_map import SpaceMap, ViewShift
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import layout
 from plenopiv.volume import Limits
@@ -47,7 +47,8 @@ class TargetCalibration:
     """``camera``: the thin lens in air of lens space, with the array's lattice. ``model``: the rays of the laboratory.
     ``values``, ``std``: physical parameters (``optics_fit.NAMES``, ``magnification``). ``planes``: residuals by depth.
     ``field_um``: RMS (x, y, z) by blocks of the field, rows from +y down, columns from -x. ``views_um``: of the views
-    that were used, pixel offset (m, n) and mean shift (s, t) on the microlens plane."""
+    that were used, pixel offset (m, n) and mean shift (s, t) on the microlens plane. ``beside``: how far rays fall
+    beside all that, as particles show it (``plenopiv selfcalibrate``); None where they were not asked."""
 
     camera: PlenopticCamera
     model: RayModel
@@ -56,6 +57,7 @@ class TargetCalibration:
     planes: tuple[PlaneResidual, ...]
     field_um: tuple[tuple[tuple[float, float, float], ...], ...]
     views_um: tuple[tuple[int, int, float, float], ...]
+    beside: ViewShift | None = None
 
     def __repr__(self) -> str:
         return f"<TargetCalibration {len(self.planes)} planes, {self.camera!r}>"
@@ -66,7 +68,10 @@ class TargetCalibration:
         """The map between a volume of the laboratory and lens space, the laboratory's origin at ``origin_mm`` of the
         target's frame, its axes turned by ``turn_deg`` about z there."""
         model = replace(self.model, origin_mm=origin_mm, laboratory_turn_rad=radians(turn_deg))
-        return space_map(model, self.camera, laboratory)
+        found = space_map(model, self.camera, laboratory)
+        if self.beside is None:
+            return found
+        return replace(found, left=self.beside if found.left is None else found.left.plus(self.beside))
 
 
 def lens_space_camera(camera: PlenopticCamera, fit: LatticeFit, radius_px: float) -> PlenopticCamera:

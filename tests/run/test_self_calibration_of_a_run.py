@@ -1,0 +1,107 @@
+"""A recording whose calibration is wrong in its views: corrected by its own particles, and used by the next run."""
+
+import json
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import tomli_w
+from calibrations import calibrated
+from conftest import camera, record
+
+from plenopiv.calibration import find_lattice
+from plenopiv.cameras.lens_space import behind_window
+from plenopiv.cameras.medium import Medium
+from plenopiv.cameras.space_map import ViewShift
+from plenopiv.cli import main
+from plenopiv.errors import PlenoPIVError
+from plenopiv.experiment import Experiment
+from plenopiv.io.calibration_file import load_calibration, save_calibration
+from plenopiv.run.self_calibrate import self_calibrate, together
+from plenopiv.run.target import inputs_of
+
+TARGET = {
+    "target": "dots",
+    "pitch_mm": 0.6,
+    "dot_mm": 0.2,
+    "origin_dot_mm": 0.36,
+    "planes": [{"image": f"t{k}.tif", "z_mm": float(k)} for k in range(2)],
+}
+U_MM, S_MM = 12.5, 1.155
+EVERY = [(a, b, c, d) for a in range(4) for b in range(4) for c in range(4) for d in range(4) if a + b + c + d <= 3]
+WRONG = {(2, 0, 0, 0): (6e-3, 0.0), (0, 1, 0, 0): (-5e-3, 0.0), (1, 1, 0, 0): (0.0, 6e-3)}
+
+
+def shift(terms):
+    return ViewShift(U_MM, S_MM, 3, tuple(terms.get(power, (0.0, 0.0)) for power in EVERY))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A recording of a thin lens in air, and a calibration as a target would give it."""
+    folder = record(tmp_path / "recording", particles=None).directory
+    tables = tomllib.loads((folder / "experiment.toml").read_text())
+    tables["calibration"] = TARGET
+    (folder / "experiment.toml").write_text(tomli_w.dumps(tables))
+    return folder
+
+
+def calibrate(folder, beside):
+    """Write the calibration, its rays wrong by ``beside``."""
+    experiment = Experiment.load(folder / "experiment.toml")
+    recording = experiment.recording()
+    sheet = experiment.camera()
+    of = sheet.with_lattice(find_lattice(recording.white(), sheet).lattice)
+    made = replace(calibrated(), camera=of, model=behind_window(of, Medium(1.0, 1.0)), beside=beside)
+    save_calibration(made, inputs_of(experiment, recording), folder / "calibration.toml")
+    return experiment
+
+
+def visible_um(beside):
+    """RMS over the aperture of what of a shift differs between views, as particles in the middle see it."""
+    angle, radius = 2 * np.pi * np.arange(60) / 1.618, U_MM * np.sqrt((np.arange(60) + 0.5) / 60)
+    u = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+    flat = 1e3 * beside(u, np.zeros_like(u)).T.ravel()
+    ones, none = np.ones(60), np.zeros(60)
+    moves = np.stack([np.r_[ones, none], np.r_[none, ones], u.T.ravel()], 1)
+    return float(np.sqrt(np.sum((flat - moves @ np.linalg.lstsq(moves, flat, rcond=None)[0]) ** 2) / 60))
+
+
+@pytest.mark.full
+def test_wrong_views_are_corrected_and_a_right_calibration_stays(folder, capsys):
+    calibrate(folder, shift(WRONG))
+    before = visible_um(shift(WRONG))
+    assert main(["--json", "selfcalibrate", str(folder / "experiment.toml")]) == 0
+    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert said["corrected"]
+    assert said["chi2"][1] < said["chi2"][0]
+    assert said["hidden"] > 3
+    corrected, _ = load_calibration(folder / "calibration.toml")
+    assert visible_um(corrected.beside) < 0.35 * before
+    experiment = calibrate(folder, None)
+    found = self_calibrate(experiment)
+    left, _ = load_calibration(folder / "calibration.toml")
+    assert found.rms_um < 0.35 * before
+    assert left.beside is None or visible_um(left.beside) < 0.35 * before
+
+
+def test_without_a_target_there_is_nothing_to_correct(recorded):
+    with pytest.raises(PlenoPIVError, match=r"starts from a target: \[calibration\] is missing"):
+        self_calibrate(Experiment.load(recorded / "experiment.toml"))
+
+
+def test_shifts_are_put_together():
+    one = shift(WRONG)
+    assert together(None, None) is None
+    assert together(one, None) is together(None, one) is one
+    u = np.array([[3.0, -2.0]])
+    np.testing.assert_allclose(together(one, one)(u, u), 2 * one(u, u))
+
+
+def test_the_map_to_the_laboratory_has_the_shift():
+    of = camera()
+    made = replace(calibrated(), camera=of, model=behind_window(of, Medium(1.0, 1.0)))
+    limits = ((-0.7, 0.7), (-0.6, 0.6), (-1.5, 1.5))
+    assert made.space(limits).left is None
+    assert replace(made, beside=shift(WRONG)).space(limits).left == shift(WRONG)
