@@ -14,6 +14,7 @@ from plenopiv.cameras.ray_model import on_disc
 from plenopiv.cameras.space_map import ViewShift
 from plenopiv.errors import PlenoPIVError
 from plenopiv.threads import in_threads
+from plenopiv.tracking import entry_kernels
 from plenopiv.tracking import light_kernels as kernels
 from plenopiv.tracking.light_kernels import LightConstants
 
@@ -44,9 +45,47 @@ class Lights:
         """Which point each entry is of (m,)."""
         return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
 
+    def image(self, light: Array, pixels: int) -> Array:
+        """Counts in each of ``pixels`` of points of so much ``light`` (n,)."""
+        out = np.zeros(pixels)
+        entry_kernels.sum_light(self.start, self.pixel, self.share, np.asarray(light, np.float64), out)
+        return out
+
+    def of(self, which: NDArray[np.int64]) -> Lights:
+        """The light of the points ``which`` alone."""
+        return _taken(self, self, which)
+
+    def replaced(self, which: NDArray[np.int64], by: Lights) -> Lights:
+        """The same with the points ``which`` replaced by those of ``by``."""
+        if len(which) == len(self.start) - 1:
+            return by
+        source = np.arange(len(self.start) - 1)
+        source[which] = len(source) + np.arange(len(which))
+        return _taken(self, by, source)
+
+    def joined(self, others: Lights) -> Lights:
+        """The light of these points and then of others."""
+        return _taken(self, others, np.arange(len(self.start) + len(others.start) - 2))
+
     def whole(self) -> Array:
         """The share of each point's light that falls on the sensor (n,)."""
         return np.asarray(np.bincount(self.point, self.share, len(self.start) - 1), np.float64)
+
+
+def _taken(first: Lights, second: Lights, source: NDArray[np.int64]) -> Lights:
+    """The points ``source`` of those of ``first``, counted from 0, and of ``second``, counted on."""
+    count = np.concatenate([np.diff(first.start), np.diff(second.start)])[source]
+    start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    out = Lights(
+        start, np.empty(start[-1], np.int32), np.empty(start[-1], np.float32), np.empty((start[-1], 3), np.float32)
+    )
+    parts = (*_arrays(first), *_arrays(second), source.astype(np.int64), *_arrays(out))
+    in_threads(entry_kernels.take_entries, len(source), *parts)
+    return out
+
+
+def _arrays(lights: Lights) -> tuple[NDArray, ...]:
+    return lights.start, lights.pixel, lights.share, lights.gradient
 
 
 def diffraction_px(camera: PlenopticCamera, wavelength_nm: float = WAVELENGTH_NM) -> float:

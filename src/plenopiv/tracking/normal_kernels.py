@@ -15,6 +15,66 @@ Int = NDArray[np.int64]
 
 
 @kernel
+def own_equations(
+    begin: int, end: int,
+    start: Int, pixel: NDArray[np.int32], share: NDArray[np.float32], gradient: NDArray[np.float32],
+    light: NDArray[np.float64], unit: NDArray[np.float64],  # (n,), (3,)
+    weight: NDArray[np.float32], pull: NDArray[np.float32],  # of each pixel: 1 / std, residual / std
+    own: NDArray[np.float64], slope: NDArray[np.float64],  # (n, 4, 4), (n, 4), filled
+) -> None:  # fmt: skip
+    """Of particles ``begin`` to ``end`` the block that each has by itself, and the right side."""
+    for i in range(begin, end):
+        total = np.zeros(14)
+        e0, ux, uy, uz = light[i], light[i] * unit[0], light[i] * unit[1], light[i] * unit[2]
+        for e in range(start[i], start[i + 1]):
+            w, r = np.float64(weight[pixel[e]]), np.float64(pull[pixel[e]])
+            a, b, c, d = w * ux * gradient[e, 0], w * uy * gradient[e, 1], w * uz * gradient[e, 2], w * e0 * share[e]
+            total[0] += a * a
+            total[1] += a * b
+            total[2] += a * c
+            total[3] += a * d
+            total[4] += b * b
+            total[5] += b * c
+            total[6] += b * d
+            total[7] += c * c
+            total[8] += c * d
+            total[9] += d * d
+            total[10] += a * r
+            total[11] += b * r
+            total[12] += c * r
+            total[13] += d * r
+        k = 0
+        for p in range(4):
+            for q in range(p, 4):
+                own[i, p, q] = total[k]
+                own[i, q, p] = total[k]
+                k += 1
+            slope[i, p] = total[10 + p]
+
+
+@kernel
+def whiten(
+    begin: int, end: int,
+    start: Int, pixel: NDArray[np.int32], share: NDArray[np.float32], gradient: NDArray[np.float32],
+    light: NDArray[np.float64], unit: NDArray[np.float64], weight: NDArray[np.float32],
+    whitened: NDArray[np.float32], particle: NDArray[np.int32],  # (m, 4), (m,), filled
+) -> None:  # fmt: skip
+    """Derivatives of each entry over its pixel's standard deviation, and whose entry it is."""
+    for i in range(begin, end):
+        ux, uy, uz, e0 = (
+            np.float32(light[i] * unit[0]), np.float32(light[i] * unit[1]), np.float32(light[i] * unit[2]),
+            np.float32(light[i]),
+        )  # fmt: skip
+        for e in range(start[i], start[i + 1]):
+            w = weight[pixel[e]]
+            whitened[e, 0] = w * ux * gradient[e, 0]
+            whitened[e, 1] = w * uy * gradient[e, 1]
+            whitened[e, 2] = w * uz * gradient[e, 2]
+            whitened[e, 3] = w * e0 * share[e]
+            particle[e] = i
+
+
+@kernel
 def entries_of_pixels(pixel: NDArray[np.int32], pixel_start: Int, entry: NDArray[np.int32]) -> None:
     """Sort entries by their pixel. ``pixel_start`` (pixels + 1,), zeros on entry: where each one's begin in ``entry``
     (m,); both filled."""

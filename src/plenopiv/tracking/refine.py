@@ -5,10 +5,12 @@ and light minimise
 
     chi^2 = sum_p (counts_p - mu_p)^2 / V_p + sum_i |(x_i - prior_i) / prior std|^2 .
 
-Each iteration evaluates the exact light of every particle and its derivatives, and solves the normal equations of all
-particles at once: particles that share pixels are coupled by 4 x 4 blocks, so the matrix is sparse, and conjugate
-gradients with each particle's own block as preconditioner need a few tens of products. The prior keeps particles in the
-dead zone, whose depth no pixel tells, where they were first seen; it is wide against the error of any other.
+Each iteration asks by how much chi^2 falls where a particle moves alone, a sum over its pixels. Those that would gain
+less than STILL^2 rest: their light is known from before. The others move together: the normal equations couple
+particles that share pixels by 4 x 4 blocks, so the matrix is sparse, and conjugate gradients with each particle's own
+block as preconditioner need a few tens of products; their exact light and its derivatives are computed anew. The prior
+keeps particles in the dead zone, whose depth no pixel tells, where they were first seen; it is wide against the error
+of any other.
 
 Source: Bjorck, *Numerical Methods for Least Squares Problems* (1996), sections 7.4 and 9.2; the same normal equations
 are the Fisher information of ``accuracy.bound``, so their inverse is the covariance.
@@ -30,6 +32,7 @@ from plenopiv.tracking.light import Lights, PointLights
 from plenopiv.tracking.pixels import Pixels
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 UNIT_MM = np.array([0.01, 0.01, 0.05])  # of the unknowns, so that all of a particle's information is of one order
 TOLERANCE, PRODUCTS = 1e-3, 80  # of conjugate gradients: the next iteration is a better one
 DAMPING = 1e-3  # of each particle's own information (Levenberg-Marquardt)
@@ -68,29 +71,47 @@ def prior_std_mm(camera: PlenopticCamera) -> Array:
 
 
 def refine(
-    of_points: PointLights, pixels: Pixels, position_mm: Array, light: Array, prior: Prior, iterations: int
+    of_points: PointLights,
+    pixels: Pixels,
+    position_mm: Array,
+    light: Array,
+    prior: Prior,
+    iterations: int,
+    lights: Lights | None = None,
+    still: float = 0.0,
 ) -> Fit:
-    """Fit particles by ``iterations`` of Gauss-Newton from positions (n, 3) mm and light (n,) counts."""
+    """Fit particles by ``iterations`` of Gauss-Newton, at most, from positions (n, 3) mm and light (n,) counts.
+    ``lights``: of the positions, where it is known; ``still``: the root of chi^2 that a particle must gain to move."""
     position, light = position_mm.copy(), light.copy()
-    for done in range(iterations + 1):
-        lights = of_points(position)
+    lights = of_points(position) if lights is None else lights
+    for _ in range(iterations):
         residual, variance = _residual(lights, pixels, light)
-        believed = variance * np.maximum(np.abs(residual) / np.sqrt(variance) / OUTLYING, 1.0)
-        normal, slope = _equations(lights, pixels.usable, light, residual, believed)
-        if done == iterations:
+        weight, pull = _weights(pixels.usable, residual, variance)
+        own, slope = _own_equations(lights, light, weight, pull)
+        _add_prior(own, slope, position, prior)
+        gain = np.einsum("ni,ni->n", slope, np.linalg.solve(own, slope[:, :, None])[:, :, 0])
+        which = np.flatnonzero(gain > still**2)
+        if len(which) == 0:
             break
-        own = _with_prior(normal, slope, position, prior)
-        step = _solved(normal, own, slope)
-        position += UNIT_MM * np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
+        some = lights if len(which) == len(light) else lights.of(which)
+        normal = _equations(some, light[which], weight)
+        normal.data[_diagonal(normal)] = own[which]
+        step = _solved(normal, own[which], slope[which])
+        position[which] += UNIT_MM * np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
         least = LEAST_LIGHT * float(np.median(light))
-        light = np.maximum(light * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
-    _with_prior(normal, slope, position, prior)
+        light[which] = np.maximum(light[which] * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
+        lights = lights.replaced(which, of_points(position[which]))
+    residual, variance = _residual(lights, pixels, light)
+    weight, pull = _weights(pixels.usable, residual, variance)
+    normal = _equations(lights, light, weight)
+    own = normal.data[_diagonal(normal)]
+    _add_prior(own, np.zeros((len(light), 4)), position, prior)
+    normal.data[_diagonal(normal)] = own
     return Fit(position, light, normal, lights, residual, variance)
 
 
-def fit_light(of_points: PointLights, pixels: Pixels, position_mm: Array, light: Array, rounds: int = 3) -> Array:
-    """The light (n,) in counts that fits best where positions are given; not negative."""
-    lights = of_points(position_mm)
+def fit_light(lights: Lights, pixels: Pixels, light: Array, rounds: int = 3) -> Array:
+    """The light (n,) in counts that fits best where ``lights`` are; positive."""
     for _ in range(rounds):
         residual, variance = _residual(lights, pixels, light)
         weight = np.where(pixels.usable, 1.0 / variance, 0.0)[lights.pixel]
@@ -110,34 +131,42 @@ def fit_light(of_points: PointLights, pixels: Pixels, position_mm: Array, light:
 
 def _residual(lights: Lights, pixels: Pixels, light: Array) -> tuple[Array, Array]:
     """Counts that particles do not explain, and the variance, of each pixel."""
-    of_all = np.bincount(lights.pixel, light[lights.point] * lights.share, len(pixels.counts))
-    expected: Array = of_all.astype(np.float64)
+    expected = lights.image(light, len(pixels.counts))
     return np.where(pixels.usable, pixels.counts - pixels.background - expected, 0.0), pixels.variance(expected)
 
 
-def _equations(
-    lights: Lights, usable: NDArray[np.bool_], light: Array, residual: Array, variance: Array
-) -> tuple[bsr_array, Array]:
-    """The normal equations of all particles: matrix (4n, 4n) in blocks, right side (n, 4)."""
+def _weights(usable: NDArray[np.bool_], residual: Array, variance: Array) -> tuple[Single, Single]:
+    """Of each pixel one over the standard deviation that it counts with, 0 where it cannot be used, and the residual in
+    such standard deviations."""
+    std = np.sqrt(variance)
+    std *= np.sqrt(np.maximum(np.abs(residual) / std / OUTLYING, 1.0))
+    weight = np.where(usable, 1.0 / std, 0.0)
+    return weight.astype(np.float32), (weight * residual).astype(np.float32)
+
+
+def _own_equations(lights: Lights, light: Array, weight: Single, pull: Single) -> tuple[Array, Array]:
+    """Each particle's own block (n, 4, 4) of the normal equations, and the right side (n, 4)."""
+    own, slope = np.empty((len(light), 4, 4)), np.empty((len(light), 4))
+    entries = lights.start, lights.pixel, lights.share, lights.gradient
+    in_threads(normal_kernels.own_equations, len(light), *entries, light, UNIT_MM, weight, pull, own, slope)
+    return own, slope
+
+
+def _equations(lights: Lights, light: Array, weight: Single) -> bsr_array:
+    """The normal equations (4n, 4n) of particles, in blocks."""
     n, m = len(light), len(lights.pixel)
-    weight = np.where(usable, 1.0 / np.sqrt(variance), 0.0)[lights.pixel]
-    scale = (light[lights.point] * weight).astype(np.float32)
-    whitened = np.empty((m, 4), np.float32)
-    whitened[:, :3] = lights.gradient * UNIT_MM.astype(np.float32)
-    whitened[:, 3] = lights.share
-    whitened *= scale[:, None]
-    pixel_start, entry = np.zeros(len(residual) + 1, np.int64), np.empty(m, np.int32)
+    whitened, particle = np.empty((m, 4), np.float32), np.empty(m, np.int32)
+    entries = lights.start, lights.pixel, lights.share, lights.gradient
+    in_threads(normal_kernels.whiten, n, *entries, light, UNIT_MM, weight, whitened, particle)
+    pixel_start, entry = np.zeros(len(weight) + 1, np.int64), np.empty(m, np.int32)
     normal_kernels.entries_of_pixels(lights.pixel, pixel_start, entry)
-    particle, count = lights.point.astype(np.int32), np.empty(n, np.int64)
+    count = np.empty(n, np.int64)
     shared = lights.start, lights.pixel, particle, pixel_start, entry
     in_threads(normal_kernels.count_neighbours, n, *shared, count)
     block_start = np.concatenate([[0], np.cumsum(count)])
     neighbour, block = np.empty(block_start[-1], np.int32), np.zeros((block_start[-1], 4, 4))
     in_threads(normal_kernels.sum_blocks, n, *shared, whitened, block_start, neighbour, block)
-    normal = bsr_array((block, neighbour, block_start), shape=(4 * n, 4 * n))
-    pull = (residual / np.sqrt(variance)).astype(np.float32)[lights.pixel]
-    slope = np.stack([np.bincount(lights.point, whitened[:, k] * pull, n) for k in range(4)], -1)
-    return normal, np.asarray(slope, np.float64)
+    return bsr_array((block, neighbour, block_start), shape=(4 * n, 4 * n))
 
 
 def _diagonal(normal: bsr_array) -> NDArray[np.int64]:
@@ -146,14 +175,12 @@ def _diagonal(normal: bsr_array) -> NDArray[np.int64]:
     return np.flatnonzero(row == normal.indices)
 
 
-def _with_prior(normal: bsr_array, slope: Array, position: Array, prior: Prior) -> Array:
-    """Add the prior to the equations, in place; the particles' own blocks (n, 4, 4)."""
-    own = _diagonal(normal)
+def _add_prior(own: Array, slope: Array, position: Array, prior: Prior) -> None:
+    """Add the prior to the particles' own blocks (n, 4, 4) and to the right side (n, 4), in place."""
     information = (UNIT_MM / prior.std_mm) ** 2
     for axis in range(3):
-        normal.data[own, axis, axis] += information[axis]
+        own[:, axis, axis] += information[axis]
     slope[:, :3] += information * (prior.position_mm - position) / UNIT_MM
-    return normal.data[own]
 
 
 def _solved(normal: bsr_array, own: Array, slope: Array) -> Array:
