@@ -13,23 +13,24 @@ from plenopiv.threads import in_threads
 
 NEIGHBOURS = 31  # that share most information with a particle; the rest are taken as known
 TINY = 1e-9  # of a parameter's information, added so that what nothing determines stays finite
+LEAST = 1e-7  # the same once its neighbours are free, so that rounding makes no variance negative
 
 Array = NDArray[np.float64]
 
 
 @plain_part
 def _schur_of_last(matrix: NDArray[np.float64], size: int) -> None:
-    """Cholesky's factor of a matrix (size, size) in its lower triangle, but for its last four rows and columns: these
-    become the Schur complement, lower triangle."""
+    """Cholesky's factor of a matrix (size, size) in its upper triangle, but for its last four rows and columns: these
+    become the Schur complement, upper triangle."""
     for j in range(size - 4):
         root = sqrt(matrix[j, j])
         for i in range(j, size):
-            matrix[i, j] /= root
+            matrix[j, i] /= root
         for k in range(j + 1, size):
-            factor = matrix[k, j]
+            factor = matrix[j, k]
             if factor != 0.0:
                 for i in range(k, size):
-                    matrix[i, k] -= matrix[i, j] * factor
+                    matrix[k, i] -= matrix[j, i] * factor
 
 
 @plain_kernel
@@ -80,7 +81,7 @@ def _of_particles(
         _schur_of_last(matrix, 4 * m)
         for p in range(4):
             for q in range(4):
-                information[n, p, q] = matrix[4 * m - 4 + max(p, q), 4 * m - 4 + min(p, q)]
+                information[n, p, q] = matrix[4 * m - 4 + min(p, q), 4 * m - 4 + max(p, q)]
 
 
 def covariance_of(normal: bsr_array, neighbours: int = NEIGHBOURS) -> Array:
@@ -92,6 +93,6 @@ def covariance_of(normal: bsr_array, neighbours: int = NEIGHBOURS) -> Array:
     information = np.empty((n, 4, 4))
     blocks = normal.indptr.astype(np.int64), normal.indices.astype(np.int64), normal.data
     in_threads(_of_particles, n, *blocks, own, neighbours, information)
-    scale = np.sqrt(np.einsum("nii->ni", information))
-    inverse = np.linalg.inv(information / scale[:, :, None] / scale[:, None, :])
+    scale = np.sqrt(np.maximum(np.einsum("nii->ni", information), 1e-300))
+    inverse = np.linalg.inv(information / scale[:, :, None] / scale[:, None, :] + LEAST * np.eye(4))
     return np.asarray(inverse / scale[:, :, None] / scale[:, None, :])

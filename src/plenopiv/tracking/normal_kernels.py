@@ -90,17 +90,20 @@ def entries_of_pixels(pixel: NDArray[np.int32], pixel_start: Int, entry: NDArray
 
 
 @kernel
-def count_neighbours(
+def count_later(
     begin: int, end: int, start: Int, pixel: NDArray[np.int32], particle: NDArray[np.int32], pixel_start: Int,
     entry: NDArray[np.int32], count: Int,
 ) -> None:  # fmt: skip
-    """How many particles, itself among them, share pixels with each of the particles ``begin`` to ``end``."""
+    """How many particles, itself and those that come after it, share pixels with each of the particles ``begin`` to
+    ``end``."""
     seen = np.full(count.size, -1, np.int64)
     for i in range(begin, end):
         found = 0
         for e in range(start[i], start[i + 1]):
-            for k in range(pixel_start[pixel[e]], pixel_start[pixel[e] + 1]):
+            for k in range(pixel_start[pixel[e] + 1] - 1, pixel_start[pixel[e]] - 1, -1):
                 j = particle[entry[k]]
+                if j < i:
+                    break
                 if seen[j] != i:
                     seen[j] = i
                     found += 1
@@ -108,7 +111,7 @@ def count_neighbours(
 
 
 @kernel
-def sum_blocks(
+def sum_later(
     begin: int, end: int, start: Int, pixel: NDArray[np.int32], particle: NDArray[np.int32], pixel_start: Int,
     entry: NDArray[np.int32],
     whitened: NDArray[np.float32],  # (m, 4)
@@ -116,15 +119,18 @@ def sum_blocks(
     neighbour: NDArray[np.int32],  # (blocks,), filled
     block: NDArray[np.float64],  # (blocks, 4, 4), zeros on entry, filled
 ) -> None:  # fmt: skip
-    """Sum the blocks of the particles ``begin`` to ``end``, in the order in which neighbours are met."""
+    """Sum the blocks of the particles ``begin`` to ``end`` with themselves and those after them, in the order in which
+    these are met."""
     where = np.full(start.size - 1, -1, np.int64)
     for i in range(begin, end):
         following = block_start[i]
         for e in range(start[i], start[i + 1]):
             a0, a1, a2, a3 = whitened[e, 0], whitened[e, 1], whitened[e, 2], whitened[e, 3]
-            for k in range(pixel_start[pixel[e]], pixel_start[pixel[e] + 1]):
+            for k in range(pixel_start[pixel[e] + 1] - 1, pixel_start[pixel[e]] - 1, -1):
                 f = entry[k]
                 j = particle[f]
+                if j < i:
+                    break
                 at = where[j]
                 if at < 0:
                     at = following
@@ -139,3 +145,37 @@ def sum_blocks(
                     block[at, 3, q] += a3 * b
         for at in range(block_start[i], following):
             where[neighbour[at]] = -1
+
+
+@kernel
+def both_ways(
+    later_start: Int, later: NDArray[np.int32], of_later: NDArray[np.float64],  # what ``sum_later`` fills
+    block_start: Int,  # (n + 1,), zeros on entry, filled
+    neighbour: NDArray[np.int32], block: NDArray[np.float64],  # (blocks,), (blocks, 4, 4), filled
+) -> None:  # fmt: skip
+    """Blocks of all pairs of particles from those of each with the ones after it."""
+    n = block_start.size - 1
+    for i in range(n):
+        for at in range(later_start[i], later_start[i + 1]):
+            block_start[i + 1] += 1
+            if later[at] != i:
+                block_start[later[at] + 1] += 1
+    for i in range(n):
+        block_start[i + 1] += block_start[i]
+    following = block_start[:-1].copy()
+    for i in range(n):
+        for at in range(later_start[i], later_start[i + 1]):
+            j = later[at]
+            to = following[i]
+            following[i] += 1
+            neighbour[to] = j
+            for p in range(4):
+                for q in range(4):
+                    block[to, p, q] = of_later[at, p, q]
+            if j != i:
+                to = following[j]
+                following[j] += 1
+                neighbour[to] = i
+                for p in range(4):
+                    for q in range(4):
+                        block[to, q, p] = of_later[at, p, q]

@@ -36,6 +36,7 @@ Single = NDArray[np.float32]
 UNIT_MM = np.array([0.01, 0.01, 0.05])  # of the unknowns, so that all of a particle's information is of one order
 TOLERANCE, PRODUCTS = 1e-3, 80  # of conjugate gradients: the next iteration is a better one
 DAMPING = 1e-3  # of each particle's own information (Levenberg-Marquardt)
+LEAST_KNOWN = 1e-12  # information added to a particle's, of whose light no pixel is used
 LARGEST_STEP = np.array([1.2, 1.2, 1.6])  # units: farther the derivatives do not hold
 OUTLYING = 4.0  # standard deviations from which on pixels count less, as light of a particle not yet found (Huber 1981)
 LEAST_LIGHT = 1e-3  # of the median: light stays positive
@@ -47,6 +48,11 @@ class Prior:
 
     position_mm: Array
     std_mm: Array
+
+    @property
+    def information(self) -> Array:
+        """(3,), in UNIT_MM^-2."""
+        return np.asarray((UNIT_MM / self.std_mm) ** 2)
 
 
 @dataclass(frozen=True)
@@ -88,15 +94,15 @@ def refine(
         residual, variance = _residual(lights, pixels, light)
         weight, pull = _weights(pixels.usable, residual, variance)
         own, slope = _own_equations(lights, light, weight, pull)
-        _add_prior(own, slope, position, prior)
-        gain = np.einsum("ni,ni->n", slope, np.linalg.solve(own, slope[:, :, None])[:, :, 0])
+        slope[:, :3] += prior.information * (prior.position_mm - position) / UNIT_MM
+        known = own + np.diag([*prior.information, 0.0]) + LEAST_KNOWN * np.eye(4)
+        gain = np.einsum("ni,ni->n", slope, np.linalg.solve(known, slope[:, :, None])[:, :, 0])
         which = np.flatnonzero(gain > still**2)
         if len(which) == 0:
             break
         some = lights if len(which) == len(light) else lights.of(which)
         normal = _equations(some, light[which], weight)
-        normal.data[_diagonal(normal)] = own[which]
-        step = _solved(normal, own[which], slope[which])
+        step = _solved(normal, _with_prior(normal, prior), slope[which])
         position[which] += UNIT_MM * np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
         least = LEAST_LIGHT * float(np.median(light))
         light[which] = np.maximum(light[which] * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
@@ -104,9 +110,7 @@ def refine(
     residual, variance = _residual(lights, pixels, light)
     weight, pull = _weights(pixels.usable, residual, variance)
     normal = _equations(lights, light, weight)
-    own = normal.data[_diagonal(normal)]
-    _add_prior(own, np.zeros((len(light), 4)), position, prior)
-    normal.data[_diagonal(normal)] = own
+    _with_prior(normal, prior)
     return Fit(position, light, normal, lights, residual, variance)
 
 
@@ -145,7 +149,8 @@ def _weights(usable: NDArray[np.bool_], residual: Array, variance: Array) -> tup
 
 
 def _own_equations(lights: Lights, light: Array, weight: Single, pull: Single) -> tuple[Array, Array]:
-    """Each particle's own block (n, 4, 4) of the normal equations, and the right side (n, 4)."""
+    """Each particle's own block (n, 4, 4) of the normal equations, pixels that two of its microlenses light taken as
+    two, and the right side (n, 4)."""
     own, slope = np.empty((len(light), 4, 4)), np.empty((len(light), 4))
     entries = lights.start, lights.pixel, lights.share, lights.gradient
     in_threads(normal_kernels.own_equations, len(light), *entries, light, UNIT_MM, weight, pull, own, slope)
@@ -162,10 +167,13 @@ def _equations(lights: Lights, light: Array, weight: Single) -> bsr_array:
     normal_kernels.entries_of_pixels(lights.pixel, pixel_start, entry)
     count = np.empty(n, np.int64)
     shared = lights.start, lights.pixel, particle, pixel_start, entry
-    in_threads(normal_kernels.count_neighbours, n, *shared, count)
-    block_start = np.concatenate([[0], np.cumsum(count)])
-    neighbour, block = np.empty(block_start[-1], np.int32), np.zeros((block_start[-1], 4, 4))
-    in_threads(normal_kernels.sum_blocks, n, *shared, whitened, block_start, neighbour, block)
+    in_threads(normal_kernels.count_later, n, *shared, count)
+    later_start = np.concatenate([[0], np.cumsum(count)])
+    later, of_later = np.empty(later_start[-1], np.int32), np.zeros((later_start[-1], 4, 4))
+    in_threads(normal_kernels.sum_later, n, *shared, whitened, later_start, later, of_later)
+    both, block_start = 2 * int(later_start[-1]) - n, np.zeros(n + 1, np.int64)
+    neighbour, block = np.empty(both, np.int32), np.empty((both, 4, 4))
+    normal_kernels.both_ways(later_start, later, of_later, block_start, neighbour, block)
     return bsr_array((block, neighbour, block_start), shape=(4 * n, 4 * n))
 
 
@@ -175,18 +183,18 @@ def _diagonal(normal: bsr_array) -> NDArray[np.int64]:
     return np.flatnonzero(row == normal.indices)
 
 
-def _add_prior(own: Array, slope: Array, position: Array, prior: Prior) -> None:
-    """Add the prior to the particles' own blocks (n, 4, 4) and to the right side (n, 4), in place."""
-    information = (UNIT_MM / prior.std_mm) ** 2
+def _with_prior(normal: bsr_array, prior: Prior) -> Array:
+    """Add the prior's information to the equations, in place; the particles' own blocks (n, 4, 4)."""
+    own = _diagonal(normal)
     for axis in range(3):
-        own[:, axis, axis] += information[axis]
-    slope[:, :3] += information * (prior.position_mm - position) / UNIT_MM
+        normal.data[own, axis, axis] += prior.information[axis]
+    return normal.data[own]
 
 
 def _solved(normal: bsr_array, own: Array, slope: Array) -> Array:
     """The step (n, 4), in units, that solves the damped equations."""
     diagonal = np.einsum("nii->ni", own)
-    damping = DAMPING * diagonal + 1e-12
+    damping = DAMPING * diagonal + LEAST_KNOWN
     inverse = np.linalg.inv(own + damping[:, :, None] * np.eye(4))
     n = len(own)
 
