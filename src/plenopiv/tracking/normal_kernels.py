@@ -53,57 +53,61 @@ def own_equations(
 
 
 @kernel
+def by_pixels(
+    start: Int, pixel: NDArray[np.int32],
+    pixel_end: Int,  # (pixels,), zeros on entry, filled: where a pixel's entries end once sorted
+    rank: NDArray[np.int32], particle: NDArray[np.int32],  # (m,), filled: where each goes; whose it is, sorted
+) -> None:  # fmt: skip
+    """Sort entries by their pixels; those of one pixel stay in the order of particles."""
+    for e in range(pixel.size):
+        pixel_end[pixel[e]] += 1
+    total = 0
+    for p in range(pixel_end.size):
+        count = pixel_end[p]
+        pixel_end[p] = total
+        total += count
+    for i in range(start.size - 1):
+        for e in range(start[i], start[i + 1]):
+            to = pixel_end[pixel[e]]
+            pixel_end[pixel[e]] = to + 1
+            rank[e] = to
+            particle[to] = i
+
+
+@kernel
 def whiten(
     begin: int, end: int,
     start: Int, pixel: NDArray[np.int32], share: NDArray[np.float32], gradient: NDArray[np.float32],
-    light: NDArray[np.float64], unit: NDArray[np.float64], weight: NDArray[np.float32],
-    whitened: NDArray[np.float32], particle: NDArray[np.int32],  # (m, 4), (m,), filled
+    light: NDArray[np.float64], unit: NDArray[np.float64], weight: NDArray[np.float32], rank: NDArray[np.int32],
+    whitened: NDArray[np.float32],  # (m, 4), filled
 ) -> None:  # fmt: skip
-    """Derivatives of each entry over its pixel's standard deviation, and whose entry it is."""
+    """Derivatives of each entry over its pixel's standard deviation, sorted by pixels."""
     for i in range(begin, end):
         ux, uy, uz, e0 = (
             np.float32(light[i] * unit[0]), np.float32(light[i] * unit[1]), np.float32(light[i] * unit[2]),
             np.float32(light[i]),
         )  # fmt: skip
         for e in range(start[i], start[i + 1]):
-            w = weight[pixel[e]]
-            whitened[e, 0] = w * ux * gradient[e, 0]
-            whitened[e, 1] = w * uy * gradient[e, 1]
-            whitened[e, 2] = w * uz * gradient[e, 2]
-            whitened[e, 3] = w * e0 * share[e]
-            particle[e] = i
-
-
-@kernel
-def entries_of_pixels(pixel: NDArray[np.int32], pixel_start: Int, entry: NDArray[np.int32]) -> None:
-    """Sort entries by their pixel. ``pixel_start`` (pixels + 1,), zeros on entry: where each one's begin in ``entry``
-    (m,); both filled."""
-    for e in range(pixel.size):
-        pixel_start[pixel[e] + 1] += 1
-    for p in range(pixel_start.size - 1):
-        pixel_start[p + 1] += pixel_start[p]
-    following = pixel_start.copy()
-    for e in range(pixel.size):
-        p = pixel[e]
-        entry[following[p]] = e
-        following[p] += 1
+            w, to = weight[pixel[e]], rank[e]
+            whitened[to, 0] = w * ux * gradient[e, 0]
+            whitened[to, 1] = w * uy * gradient[e, 1]
+            whitened[to, 2] = w * uz * gradient[e, 2]
+            whitened[to, 3] = w * e0 * share[e]
 
 
 @kernel
 def count_later(
-    begin: int, end: int, start: Int, pixel: NDArray[np.int32], particle: NDArray[np.int32], pixel_start: Int,
-    entry: NDArray[np.int32], count: Int,
+    begin: int, end: int, start: Int, pixel: NDArray[np.int32], pixel_end: Int, rank: NDArray[np.int32],
+    particle: NDArray[np.int32], count: Int,
 ) -> None:  # fmt: skip
     """How many particles, itself and those that come after it, share pixels with each of the particles ``begin`` to
     ``end``."""
-    seen = np.full(count.size, -1, np.int64)
+    seen = np.full(count.size, -1, np.int32)
     for i in range(begin, end):
         found = 0
         for e in range(start[i], start[i + 1]):
-            for k in range(pixel_start[pixel[e] + 1] - 1, pixel_start[pixel[e]] - 1, -1):
-                j = particle[entry[k]]
-                if j < i:
-                    break
+            for k in range(np.uint32(rank[e]), np.uint32(pixel_end[pixel[e]])):
+                j = np.uint32(particle[k])
                 if seen[j] != i:
                     seen[j] = i
                     found += 1
@@ -112,12 +116,12 @@ def count_later(
 
 @kernel
 def sum_later(
-    begin: int, end: int, start: Int, pixel: NDArray[np.int32], particle: NDArray[np.int32], pixel_start: Int,
-    entry: NDArray[np.int32],
+    begin: int, end: int, start: Int, pixel: NDArray[np.int32], pixel_end: Int, rank: NDArray[np.int32],
+    particle: NDArray[np.int32],
     whitened: NDArray[np.float32],  # (m, 4)
     block_start: Int,  # (n + 1,)
     neighbour: NDArray[np.int32],  # (blocks,), filled
-    block: NDArray[np.float64],  # (blocks, 4, 4), zeros on entry, filled
+    block: NDArray[np.float32],  # (blocks, 4, 4), zeros on entry, filled
 ) -> None:  # fmt: skip
     """Sum the blocks of the particles ``begin`` to ``end`` with themselves and those after them, in the order in which
     these are met."""
@@ -125,33 +129,34 @@ def sum_later(
     for i in range(begin, end):
         following = block_start[i]
         for e in range(start[i], start[i + 1]):
-            a0, a1, a2, a3 = whitened[e, 0], whitened[e, 1], whitened[e, 2], whitened[e, 3]
-            for k in range(pixel_start[pixel[e] + 1] - 1, pixel_start[pixel[e]] - 1, -1):
-                f = entry[k]
-                j = particle[f]
-                if j < i:
-                    break
-                at = where[j]
-                if at < 0:
-                    at = following
-                    where[j] = at
-                    neighbour[at] = j
+            first = np.uint32(rank[e])
+            a0, a1, a2, a3 = whitened[first, 0], whitened[first, 1], whitened[first, 2], whitened[first, 3]
+            low = pixel_end[pixel[e] - 1] if pixel[e] > 0 else 0
+            begin_k = rank[e]
+            while begin_k > low and particle[begin_k - 1] == i:  # its own entry before, of a pixel that it lights twice
+                begin_k -= 1
+            for k in range(np.uint32(begin_k), np.uint32(pixel_end[pixel[e]])):
+                j = np.uint32(particle[k])
+                if where[j] < 0:
+                    where[j] = following
+                    neighbour[following] = np.int32(j)
                     following += 1
+                at = np.uint64(where[j])
                 for q in range(4):
-                    b = whitened[f, q]
+                    b = whitened[k, q]
                     block[at, 0, q] += a0 * b
                     block[at, 1, q] += a1 * b
                     block[at, 2, q] += a2 * b
                     block[at, 3, q] += a3 * b
-        for at in range(block_start[i], following):
-            where[neighbour[at]] = -1
+        for n in range(block_start[i], following):
+            where[neighbour[n]] = -1
 
 
 @kernel
 def both_ways(
-    later_start: Int, later: NDArray[np.int32], of_later: NDArray[np.float64],  # what ``sum_later`` fills
+    later_start: Int, later: NDArray[np.int32], of_later: NDArray[np.float32],  # what ``sum_later`` fills
     block_start: Int,  # (n + 1,), zeros on entry, filled
-    neighbour: NDArray[np.int32], block: NDArray[np.float64],  # (blocks,), (blocks, 4, 4), filled
+    neighbour: NDArray[np.int32], block: NDArray[np.float32],  # (blocks,), (blocks, 4, 4), filled
 ) -> None:  # fmt: skip
     """Blocks of all pairs of particles from those of each with the ones after it."""
     n = block_start.size - 1

@@ -160,19 +160,18 @@ def _own_equations(lights: Lights, light: Array, weight: Single, pull: Single) -
 def _equations(lights: Lights, light: Array, weight: Single) -> bsr_array:
     """The normal equations (4n, 4n) of particles, in blocks."""
     n, m = len(light), len(lights.pixel)
-    whitened, particle = np.empty((m, 4), np.float32), np.empty(m, np.int32)
+    pixel_end = np.zeros(len(weight), np.int64)
+    rank, particle, whitened = np.empty(m, np.int32), np.empty(m, np.int32), np.empty((m, 4), np.float32)
+    normal_kernels.by_pixels(lights.start, lights.pixel, pixel_end, rank, particle)
     entries = lights.start, lights.pixel, lights.share, lights.gradient
-    in_threads(normal_kernels.whiten, n, *entries, light, UNIT_MM, weight, whitened, particle)
-    pixel_start, entry = np.zeros(len(weight) + 1, np.int64), np.empty(m, np.int32)
-    normal_kernels.entries_of_pixels(lights.pixel, pixel_start, entry)
-    count = np.empty(n, np.int64)
-    shared = lights.start, lights.pixel, particle, pixel_start, entry
+    in_threads(normal_kernels.whiten, n, *entries, light, UNIT_MM, weight, rank, whitened)
+    count, shared = np.empty(n, np.int64), (lights.start, lights.pixel, pixel_end, rank, particle)
     in_threads(normal_kernels.count_later, n, *shared, count)
     later_start = np.concatenate([[0], np.cumsum(count)])
-    later, of_later = np.empty(later_start[-1], np.int32), np.zeros((later_start[-1], 4, 4))
+    later, of_later = np.empty(later_start[-1], np.int32), np.zeros((later_start[-1], 4, 4), np.float32)
     in_threads(normal_kernels.sum_later, n, *shared, whitened, later_start, later, of_later)
     both, block_start = 2 * int(later_start[-1]) - n, np.zeros(n + 1, np.int64)
-    neighbour, block = np.empty(both, np.int32), np.empty((both, 4, 4))
+    neighbour, block = np.empty(both, np.int32), np.empty((both, 4, 4), np.float32)
     normal_kernels.both_ways(later_start, later, of_later, block_start, neighbour, block)
     return bsr_array((block, neighbour, block_start), shape=(4 * n, 4 * n))
 
@@ -188,7 +187,7 @@ def _with_prior(normal: bsr_array, prior: Prior) -> Array:
     own = _diagonal(normal)
     for axis in range(3):
         normal.data[own, axis, axis] += prior.information[axis]
-    return normal.data[own]
+    return np.asarray(normal.data[own], np.float64)
 
 
 def _solved(normal: bsr_array, own: Array, slope: Array) -> Array:
@@ -199,7 +198,7 @@ def _solved(normal: bsr_array, own: Array, slope: Array) -> Array:
     n = len(own)
 
     def times(v: Array) -> Array:
-        return np.asarray(normal @ v) + damping.ravel() * v.ravel()
+        return np.asarray(normal @ v.astype(np.float32)) + damping.ravel() * v.ravel()
 
     def precondition(v: Array) -> Array:
         return np.asarray(np.einsum("nij,nj->ni", inverse, v.reshape(n, 4))).ravel()
