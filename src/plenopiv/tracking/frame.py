@@ -22,7 +22,8 @@ FIRST_STEPS, STEPS = 4, 3  # Gauss-Newton iterations of the first round, and of 
 NEIGHBOURS = 12  # whose parameters are free where particles are judged on the way
 FEW = 0.01  # share of particles left out and found below which no other round follows
 LAST_STEPS = 6
-STILL = 0.03  # standard deviations by which its own pixels must pull a particle for it to move
+STILL = 0.03  # standard deviations by which its own pixels must pull a particle for it to move, in the last fit ...
+ROUGHLY = 0.1  # ... and on the way
 FIRST_LIGHT = 0.5  # of the median particle's, of a particle that is found in what is left
 
 NONE = "tracking: the pixels speak for no particle; check camera, calibration and noise with plenopiv check"
@@ -68,7 +69,7 @@ def particles_of_frame(
     light = fit_light(lights, pixels, light)
     position = position_mm
     for done in range(ROUNDS):
-        fit = refine(of_points, pixels, position, light, prior, STEPS if done else FIRST_STEPS, lights, STILL)
+        fit = refine(of_points, pixels, position, light, prior, STEPS if done else FIRST_STEPS, lights, ROUGHLY)
         pixels = _with_noise(pixels, fit)
         out = without_evidence(fit, covariance_of(fit.normal, NEIGHBOURS), misfit(fit, pixels.usable))
         position, light, first = fit.position_mm[~out], fit.light[~out], prior.position_mm[~out]

@@ -15,7 +15,7 @@ Boundaries are taken in pieces of at most PIECE pixels with three Gauss-Legendre
 
 from __future__ import annotations
 
-from math import atan2, ceil, cos, floor, pi, sin, sqrt
+from math import ceil, cos, floor, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -23,15 +23,17 @@ from numpy.typing import NDArray
 
 from plenopiv.kernels import kernel, part
 from plenopiv.tracking.bent_cells import MOST, bend, bends, inverse_of, left_of
+from plenopiv.tracking.cut_discs import ARCS, about, boundary
 
 PIECE = 0.4  # px between two sets of nodes: gradients are exact to half a percent for diffraction of 0.16 px
 NODES = 3
 ROOT = sqrt(0.6)  # Gauss-Legendre of three nodes on -1 ... 1
+SHORT = 0.25  # px: so short a piece has two nodes, as exact
+ROOT_OF_TWO = 1.0 / sqrt(3.0)  # Gauss-Legendre of two nodes
 PER_PX = 256  # entries of the table of k and K
 TAIL = 4.0  # standard deviations of diffraction that the table reaches beyond the pixel
 LEAST = 3e-5  # of the light of a pixel that is wholly lit, or of a cell: pixels with less of it are left out
 EDGE = 2.5  # standard deviations beyond its boundary at which a patch ends: 1e-5 of the light is left out
-LINES, ARCS = 0, 1  # kinds of pieces
 SMALLEST_SPREAD = 1e-7  # stands for A in focus, where cells are larger than the aperture
 
 
@@ -61,78 +63,6 @@ class LightConstants(NamedTuple):
     edge_px: float  # what a patch is widened by
     corners: int  # of a cell
     moved: float  # how far, in pitches, lenses may be from their places on the regular lattice
-
-
-@part
-def _add_piece(
-    pieces: NDArray[np.float64], box: NDArray[np.float64], n: int, kind: int, a: float, b: float, c: float, d: float
-) -> int:
-    pieces[n, 0], pieces[n, 1], pieces[n, 2], pieces[n, 3], pieces[n, 4] = kind, a, b, c, d
-    if kind == LINES:
-        box[0], box[1] = min(box[0], a, c), max(box[1], a, c)
-        box[2], box[3] = min(box[2], b, d), max(box[3], b, d)
-        return n + 1
-    for quarter in range(-4, 9):  # an arc: its ends are those of lines; its extremes
-        angle = 0.5 * pi * quarter
-        if a <= angle <= b:
-            x, y = c * cos(angle), c * sin(angle)
-            box[0], box[1], box[2], box[3] = min(box[0], x), max(box[1], x), min(box[2], y), max(box[3], y)
-    return n + 1
-
-
-@part
-def boundary(
-    corner: NDArray[np.float64],  # (corners, 2): the cell, anticlockwise, from the disc's middle
-    count: int,  # of the corners
-    radius: float,
-    pieces: NDArray[np.float64],  # (n, 5) filled: kind; a line's ends, or an arc's angles and radius
-    box: NDArray[np.float64],  # (4,) filled: least and largest x and y
-    crossing: NDArray[np.float64],  # (2, corners) to work in
-) -> int:
-    """The boundary of a disc about the origin cut by a polygon, anticlockwise; returns how many pieces. Where a side
-    leaves the disc, its edge goes on to where the next side enters it."""
-    square = radius * radius
-    box[0], box[1], box[2], box[3] = 1e300, -1e300, 1e300, -1e300
-    n, entered, left, holds = 0, 0, 0, False
-    for k in range(count):
-        x0, y0 = corner[k, 0], corner[k, 1]
-        x1, y1 = corner[(k + 1) % count, 0], corner[(k + 1) % count, 1]
-        dx, dy = x1 - x0, y1 - y0
-        if (y0 > 0.0) != (y1 > 0.0) and (x0 * dy > y0 * dx) == (dy > 0.0):  # it crosses the axis of positive x
-            holds = not holds
-        inside0, inside1 = x0 * x0 + y0 * y0 <= square, x1 * x1 + y1 * y1 <= square
-        lo, hi = 0.0, 1.0
-        if not (inside0 and inside1):
-            length = dx * dx + dy * dy
-            half = x0 * dx + y0 * dy
-            root = half * half - length * (x0 * x0 + y0 * y0 - square)
-            if root <= 0.0:
-                continue
-            root = sqrt(root)
-            if not inside0:
-                lo = (-half - root) / length
-            if not inside1:
-                hi = (-half + root) / length
-            if not (lo < 1.0 and hi > 0.0 and lo < hi):
-                continue
-        ax, ay, bx, by = x0 + lo * dx, y0 + lo * dy, x0 + hi * dx, y0 + hi * dy
-        if not inside0:
-            crossing[0, entered] = atan2(ay, ax)
-            entered += 1
-        n = _add_piece(pieces, box, n, LINES, ax, ay, bx, by)
-        if not inside1:
-            crossing[1, left] = atan2(by, bx)
-            left += 1
-    if n == 0:
-        return _add_piece(pieces, box, 0, ARCS, 0.0, 2.0 * pi, radius, 0.0) if holds else 0
-    for k in range(left):
-        angle, turn = crossing[1, k], 1e300
-        for m in range(entered):
-            on = crossing[0, m] - angle
-            turn = min(turn, on if on >= 0.0 else on + 2 * pi)
-        if turn < 1e299:
-            n = _add_piece(pieces, box, n, ARCS, angle, angle + turn, radius, 0.0)
-    return n
 
 
 @part
@@ -236,7 +166,9 @@ def _light_of_point(
             for k in range(cam.corners):
                 corner[k, 0] = cell_px * (lens_s + cell[k, 0] - image_s)
                 corner[k, 1] = -cell_px * (lens_t + cell[k, 1] - image_t)
-            if thin:
+            if thin and count_alone:
+                n = about(corner, cam.corners, radius, box)
+            elif thin:
                 n = boundary(corner, cam.corners, radius, pieces, box, crossing)
             else:
                 points = bend(corner, to_px, a, cam.radius, shift, bent, left, inverse)
@@ -275,10 +207,14 @@ def _light_of_point(
                     inverse[3] += 1.0
                 parts = ceil(length / PIECE)
                 step = length / parts
-                for node in range(NODES * parts):
-                    of_three = node % NODES
-                    middle = (node // NODES + 0.5 + 0.5 * ROOT * (of_three - 1)) / parts
-                    ds_px = step * (4.0 / 9.0 if of_three == 1 else 5.0 / 18.0)
+                short = length <= SHORT
+                for node in range(2 if short else NODES * parts):
+                    if short:
+                        middle, ds_px = 0.5 + (node - 0.5) * ROOT_OF_TWO, 0.5 * length
+                    else:
+                        of_three = node % NODES
+                        middle = (node // NODES + 0.5 + 0.5 * ROOT * (of_three - 1)) / parts
+                        ds_px = step * (4.0 / 9.0 if of_three == 1 else 5.0 / 18.0)
                     if arc:
                         angle = pieces[p, 1] + middle * turn
                         nx, ny = cos(angle), sin(angle)
