@@ -23,7 +23,8 @@ BEYOND = 1.3  # radii of the aperture, as a thin lens shows the cell, within whi
 HELD = 1.02  # radii of the aperture beyond which left goes on straight: polynomials do not hold there
 NEWTON = 4
 RINGS, AROUND = 3, 8  # places of the aperture at which J is looked at
-STEEP = 0.05  # of A^2: where the determinant of J is less, rays of a point cross
+STEEP, FLAT = -0.3, 6.0  # of A^2: where J's determinant is less or more, a point's rays cross, or Newton's method fails
+LEAST = 0.05  # of A^2, that the determinant is taken as in Newton's method
 
 Terms = NDArray[np.float64]
 
@@ -64,19 +65,19 @@ def left_of(shift: Terms, radius: float, u: float, v: float, out: NDArray[np.flo
 def inverse_of(spread: float, left: NDArray[np.float64], out: NDArray[np.float64]) -> None:
     """J^-1 (4,), row by row, of what ``left_of`` gives."""
     a, b, c, d = spread + left[2], left[3], left[4], spread + left[5]
-    det = max(a * d - b * c, STEEP * spread * spread)
+    det = max(a * d - b * c, LEAST * spread * spread)
     out[0], out[1], out[2], out[3] = d / det, -b / det, -c / det, a / det
 
 
 @part
 def bends(spread: float, radius: float, shift: Terms, left: NDArray[np.float64]) -> bool:
-    """Whether each place of the microlens plane that a point lights is lit through one place of the aperture: not so
-    close to focus, where rays cross, and cells are taken as a thin lens shows them."""
+    """Whether the sides of cells can be traced: not close to focus, where rays of a point cross all over the aperture
+    and cells are taken as a thin lens shows them."""
     for k in range(RINGS * AROUND):
         r, angle = HELD * radius * (1 + k // AROUND) / RINGS, 2.0 * pi * k / AROUND
         left_of(shift, radius, r * cos(angle), r * sin(angle), left)
-        a, d = spread + left[2], spread + left[5]
-        if a * spread <= 0.0 or a * d - left[3] * left[4] < STEEP * spread * spread:
+        share = ((spread + left[2]) * (spread + left[5]) - left[3] * left[4]) / (spread * spread)
+        if not STEEP < share < FLAT:
             return False
     return True
 

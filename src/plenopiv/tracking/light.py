@@ -103,12 +103,19 @@ class PointLights:
     ``blur_px``: standard deviation of the Gaussian that blurs micro-images, by default ``diffraction_px`` of green
     light. ``left``: how far rays fall beside those of a thin lens (``SpaceMap.left``), points then being those of lens
     space. Cells are bent by it, and so are derivatives (``bent_cells``); the places of pixels leave it out.
+    ``growth``: by what share micro-images are wider, per mm of a microlens' s and t (``SpaceMap.growth``).
     """
 
-    def __init__(self, camera: PlenopticCamera, blur_px: float | None = None, left: ViewShift | None = None):
+    def __init__(
+        self,
+        camera: PlenopticCamera,
+        blur_px: float | None = None,
+        left: ViewShift | None = None,
+        growth: tuple[float, float] = (0.0, 0.0),
+    ):
         self.camera, self.left = camera, left
         self.blur_px = max(diffraction_px(camera) if blur_px is None else blur_px, SHARPEST_PX)
-        self._centres, self._cell, self.constants = _constants(camera, self.blur_px)
+        self._centres, self._cell, self.constants = _constants(camera, self.blur_px, growth)
         self._table = _table(self.blur_px)
         radius = self.constants.radius
         self._u_mm = on_disc(radius, SHIFT_PLACES)
@@ -160,7 +167,9 @@ class PointLights:
         return out
 
 
-def _constants(camera: PlenopticCamera, blur_px: float) -> tuple[Array, Array, LightConstants]:
+def _constants(
+    camera: PlenopticCamera, blur_px: float, growth: tuple[float, float]
+) -> tuple[Array, Array, LightConstants]:
     """Centres of the microlenses (nj, ni, 2), corners of a cell (n, 2), clockwise, and the other constants."""
     lattice, sensor, lens = camera.lattice.aligned(), camera.sensor, camera.main_lens
     half_s, half_t = 0.5 * sensor.columns * sensor.pixel_pitch_mm, 0.5 * sensor.rows * sensor.pixel_pitch_mm
@@ -193,6 +202,7 @@ def _constants(camera: PlenopticCamera, blur_px: float) -> tuple[Array, Array, L
             int(j0),
             camera.image_scale,
             0.5 * lens.aperture_mm,
+            *growth,
             sensor.pixel_pitch_mm,
             column0,
             row0,

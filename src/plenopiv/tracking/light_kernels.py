@@ -51,6 +51,8 @@ class LightConstants(NamedTuple):
     j0: int
     image_scale: float  # e
     radius: float  # of the aperture
+    growth_s: float  # by what share its image under a microlens is wider, per mm of the microlens' s and t
+    growth_t: float
     pixel: float
     column0: float  # the optical axis in the image
     row0: float
@@ -148,14 +150,13 @@ def _light_of_point(
     e, px = cam.image_scale, cam.pixel
     image_s, image_t = b * x, b * y
     to_px = e * (1.0 - a) / px  # mm on the main lens -> px of the patch
-    radius = cam.radius * to_px
     cell_px = to_px / a
-    density = 1.0 / (pi * radius * radius)
     swell = 2.0 * rate / (1.0 - a)
-    least = LEAST * density * min((cell_px * cam.pitch) ** 2 * cam.row_spacing, 1.0)
+    of_cell = min((cell_px * cam.pitch) ** 2 * cam.row_spacing, 1.0)
     ds, dt = image_s - cam.offset_s, image_t - cam.offset_t
     along, across = (cam.cos * ds + cam.sin * dt) / cam.pitch, (cam.cos * dt - cam.sin * ds) / cam.pitch
-    reach = abs(a) * cam.radius / cam.pitch + 0.7072 + cam.moved
+    wide = 1.0 + cam.growth_s * image_s + cam.growth_t * image_t
+    reach = abs(a) * cam.radius * wide / cam.pitch + 0.7072 + cam.moved
     first, thin = at, shift.shape[0] == 0 or not bends(a, cam.radius, shift, left)
     inverse[0], inverse[1], inverse[2], inverse[3] = 1.0 / a, 0.0, 0.0, 1.0 / a
     low, high = _lens_rows(cam, across, reach)
@@ -163,6 +164,9 @@ def _light_of_point(
         lo, hi = _lenses_of_row(cam, along, across, reach, j)
         for i in range(max(lo, cam.i0), min(hi, cam.i0 + centres.shape[1])):
             lens_s, lens_t = centres[j - cam.j0, i - cam.i0, 0], centres[j - cam.j0, i - cam.i0, 1]
+            radius = cam.radius * to_px * (1.0 + cam.growth_s * lens_s + cam.growth_t * lens_t)
+            density = 1.0 / (pi * radius * radius)
+            least = LEAST * density * of_cell
             for k in range(cam.corners):
                 corner[k, 0] = cell_px * (lens_s + cell[k, 0] - image_s)
                 corner[k, 1] = -cell_px * (lens_t + cell[k, 1] - image_t)
