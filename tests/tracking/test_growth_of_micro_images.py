@@ -1,4 +1,4 @@
-"""Micro-images that grow over the sensor, as where the gap behind the array is tilted: against the simulation's rays."""
+"""Micro-images that grow over the sensor, as where the gap behind the array is tilted: against rays."""
 
 import numpy as np
 import pytest

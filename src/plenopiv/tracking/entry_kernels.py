@@ -49,3 +49,22 @@ def take_entries(
                 for q in range(3):
                     gradient[e, q] = gradient_b[at, q]
                 at += 1
+
+
+@kernel
+def close_up(
+    start: NDArray[np.int64],  # (points + 1,): where a point's entries begin; changed to where they do afterwards
+    count: NDArray[np.int64],  # (points,): how many of them there are
+    pixel: NDArray[np.int32], share: NDArray[np.float32], gradient: NDArray[np.float32],
+) -> None:  # fmt: skip
+    """Move the entries of all points up, in place, so that none is empty between them."""
+    to = 0
+    for n in range(count.size):
+        first = start[n]
+        start[n] = to
+        for e in range(first, first + count[n]):
+            pixel[to], share[to] = pixel[e], share[e]
+            for q in range(3):
+                gradient[to, q] = gradient[e, q]
+            to += 1
+    start[count.size] = to

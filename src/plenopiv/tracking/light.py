@@ -149,8 +149,9 @@ class PointLights:
         in_threads(
             kernels.light_of_points, len(position), *fixed, False, start, count, *filled
         )  # fewer than there may be
-        may = Lights(start, *filled)
-        return may if (count == np.diff(start)).all() else _taken(may, may, np.arange(len(position)), count)
+        entry_kernels.close_up(start, count, *filled)
+        pixel, share, gradient = filled
+        return Lights(start, pixel[: start[-1]], share[: start[-1]], gradient[: start[-1]])
 
     def _shifts(self, position: Array) -> Array:
         """Of each point (n, terms, 2): the polynomial in a ray's place on the main lens of how far it falls beside."""
