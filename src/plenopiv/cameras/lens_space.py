@@ -100,7 +100,8 @@ def space_map(model: RayModel, camera: PlenopticCamera, laboratory: Limits) -> S
         left = ViewShift.fitted(u, s, all_left)
         beside = left(images.u_mm.reshape(-1, 2), images.s_mm.reshape(-1, 2)).reshape(beside.shape)
         images = _nearest(camera, images.s_mm, images.u_mm, beside)
-    return replace(SpaceMap.fitted(points, images.place_mm), left=left)
+    along_s, along_t = (tilt / model.corner_mm for tilt in model.gap_tilt)
+    return replace(SpaceMap.fitted(points, images.place_mm), left=left, growth=(along_s, along_t))
 
 
 def sample(laboratory: Limits) -> NDArray[np.float64]:

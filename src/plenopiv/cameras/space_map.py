@@ -130,12 +130,14 @@ class SpaceMap:
     """The map between laboratory and lens space, both in mm; right within the volume that it was fitted on.
 
     Arrays (..., 3) hold x, y, z in their last axis. ``left``: what no map of space holds, as it differs between views;
-    None where that is nothing.
+    None where that is nothing. ``growth``: by what share micro-images are wider, per mm of a microlens' s and t, as
+    where the gap behind the array is; lens space has them wide by its views, not by its aperture.
     """
 
     to_lens: Polynomial
     to_laboratory: Polynomial
     left: ViewShift | None = None
+    growth: tuple[float, float] = (0.0, 0.0)
 
     def __repr__(self) -> str:
         return f"<SpaceMap laboratory to lens space {self.to_lens!r}>"

@@ -48,8 +48,8 @@ class FrameTracker:
     def of_points(self) -> PointLights:
         """Where the light of points of lens space goes."""
         camera, space = self.chain.camera, self.chain.space
-        left = None if space is None else space.left
-        return PointLights(camera, diffraction_px(camera, self.wavelength_nm), left)
+        blur = diffraction_px(camera, self.wavelength_nm)
+        return PointLights(camera, blur) if space is None else PointLights(camera, blur, space.left, space.growth)
 
     @cached_property
     def unusable(self) -> NDArray[np.bool_] | None:

@@ -12,30 +12,30 @@ from plenopiv.kernels import plain_kernel, plain_part
 from plenopiv.threads import in_threads
 
 NEIGHBOURS = 31  # that share most information with a particle; the rest are taken as known
-TINY = 1e-9  # of a parameter's information, added so that what nothing determines stays finite
+LEAST = 1e-6  # of a parameter's information is left, whatever its neighbours do: what rounding does not resolve
 
 Array = NDArray[np.float64]
 
 
 @plain_part
 def _schur_of_last(matrix: NDArray[np.float64], size: int) -> None:
-    """Cholesky's factor of a matrix (size, size) in its lower triangle, but for its last four rows and columns: these
-    become the Schur complement, lower triangle."""
+    """Cholesky's factor of a matrix (size, size) of unit diagonal in its upper triangle, but for its last four rows and
+    columns: these become the Schur complement, upper triangle."""
     for j in range(size - 4):
-        root = sqrt(matrix[j, j])
+        root = sqrt(max(matrix[j, j], LEAST))
         for i in range(j, size):
-            matrix[i, j] /= root
+            matrix[j, i] /= root
         for k in range(j + 1, size):
-            factor = matrix[k, j]
+            factor = matrix[j, k]
             if factor != 0.0:
                 for i in range(k, size):
-                    matrix[i, k] -= matrix[i, j] * factor
+                    matrix[k, i] -= matrix[j, i] * factor
 
 
 @plain_kernel
 def _of_particles(
     begin: int, end: int,
-    start: NDArray[np.int64], neighbour: NDArray[np.int64], block: NDArray[np.float64],  # the normal equations' blocks
+    start: NDArray[np.int64], neighbour: NDArray[np.int64], block: NDArray,  # the normal equations' blocks
     own: NDArray[np.int64],  # (n,): which block is a particle's own
     most: int,
     information: NDArray[np.float64],  # (n, 4, 4), filled
@@ -43,7 +43,7 @@ def _of_particles(
     """Information on particles ``begin`` to ``end``: the Schur complement in which the parameters of
     ``most`` neighbours, those that are coupled most strongly, are free."""
     size = 4 * (most + 1)
-    matrix = np.empty((size, size))
+    matrix, scale = np.empty((size, size)), np.empty(size)
     chosen, place = np.empty(most + 1, np.int64), np.full(own.size, -1, np.int64)
     for n in range(begin, end):
         count = start[n + 1] - start[n]
@@ -76,11 +76,15 @@ def _of_particles(
         for a in range(m):
             place[chosen[a]] = -1
         for p in range(4 * m):
-            matrix[p, p] *= 1.0 + TINY
+            scale[p] = 1.0 / sqrt(max(matrix[p, p], 1e-300))
+        for p in range(4 * m):
+            for q in range(4 * m):
+                matrix[p, q] *= scale[p] * scale[q]
         _schur_of_last(matrix, 4 * m)
         for p in range(4):
             for q in range(4):
-                information[n, p, q] = matrix[4 * m - 4 + max(p, q), 4 * m - 4 + min(p, q)]
+                a, b = 4 * m - 4 + min(p, q), 4 * m - 4 + max(p, q)
+                information[n, p, q] = matrix[a, b] / (scale[a] * scale[b])
 
 
 def covariance_of(normal: bsr_array, neighbours: int = NEIGHBOURS) -> Array:
@@ -92,6 +96,7 @@ def covariance_of(normal: bsr_array, neighbours: int = NEIGHBOURS) -> Array:
     information = np.empty((n, 4, 4))
     blocks = normal.indptr.astype(np.int64), normal.indices.astype(np.int64), normal.data
     in_threads(_of_particles, n, *blocks, own, neighbours, information)
-    scale = np.sqrt(np.einsum("nii->ni", information))
-    inverse = np.linalg.inv(information / scale[:, :, None] / scale[:, None, :])
+    scale = np.sqrt(np.maximum(np.einsum("nii->ni", information), 1e-300))
+    values, vectors = np.linalg.eigh(information / scale[:, :, None] / scale[:, None, :])
+    inverse = (vectors / np.maximum(values, LEAST)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
     return np.asarray(inverse / scale[:, :, None] / scale[:, None, :])

@@ -22,6 +22,8 @@ FIRST_STEPS, STEPS = 4, 3  # Gauss-Newton iterations of the first round, and of 
 NEIGHBOURS = 12  # whose parameters are free where particles are judged on the way
 FEW = 0.01  # share of particles left out and found below which no other round follows
 LAST_STEPS = 6
+STILL = 0.03  # standard deviations by which its own pixels must pull a particle for it to move, in the last fit ...
+ROUGHLY = 0.1  # ... and on the way
 FIRST_LIGHT = 0.5  # of the median particle's, of a particle that is found in what is left
 
 NONE = "tracking: the pixels speak for no particle; check camera, calibration and noise with plenopiv check"
@@ -63,11 +65,12 @@ def particles_of_frame(
     if len(light) == 0:
         raise PlenoPIVError(NONE)
     prior = Prior(position_mm, prior_std_mm(of_points.camera))
-    light = fit_light(of_points, pixels, position_mm, light)
+    lights = of_points(position_mm)
+    light = fit_light(lights, pixels, light)
     position = position_mm
     for done in range(ROUNDS):
-        fit = refine(of_points, pixels, position, light, prior, STEPS if done else FIRST_STEPS)
-        pixels = _with_background(pixels, fit)
+        fit = refine(of_points, pixels, position, light, prior, STEPS if done else FIRST_STEPS, lights, ROUGHLY)
+        pixels = _with_noise(pixels, fit)
         out = without_evidence(fit, covariance_of(fit.normal, NEIGHBOURS), misfit(fit, pixels.usable))
         position, light, first = fit.position_mm[~out], fit.light[~out], prior.position_mm[~out]
         excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
@@ -77,19 +80,20 @@ def particles_of_frame(
         if len(light) == 0:
             raise PlenoPIVError(NONE)
         typical = float(np.median(light))
+        lights = fit.lights.of(np.flatnonzero(~out)).joined(of_points(new))
         position, first = np.concatenate([position, new]), np.concatenate([first, new])
         light = np.concatenate([light, np.full(len(new), FIRST_LIGHT * typical)])
         prior = Prior(first, prior.std_mm)
         if len(new) + out.sum() <= FEW * len(light):
             break
-    fit = refine(of_points, pixels, position, light, prior, LAST_STEPS)
+    fit = refine(of_points, pixels, position, light, prior, LAST_STEPS, lights, STILL)
     return _judged(fit, pixels)
 
 
-def _with_background(pixels: Pixels, fit: Fit) -> Pixels:
+def _with_noise(pixels: Pixels, fit: Fit) -> Pixels:
     unlit = np.ones(len(pixels.counts), bool)
     unlit[fit.lights.pixel] = False
-    return pixels.with_background_where(unlit)
+    return pixels.with_measured_noise(unlit, fit.lights.image(fit.light, len(pixels.counts)))
 
 
 def _judged(fit: Fit, pixels: Pixels) -> FrameParticles:

@@ -14,7 +14,9 @@ from plenopiv.cameras.ray_model import on_disc
 from plenopiv.cameras.space_map import ViewShift
 from plenopiv.errors import PlenoPIVError
 from plenopiv.threads import in_threads
+from plenopiv.tracking import entry_kernels
 from plenopiv.tracking import light_kernels as kernels
+from plenopiv.tracking.bent_cells import SHIFT_POWERS
 from plenopiv.tracking.light_kernels import LightConstants
 
 WAVELENGTH_NM = 532.0  # of the lasers that particles are lit by
@@ -44,9 +46,49 @@ class Lights:
         """Which point each entry is of (m,)."""
         return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
 
+    def image(self, light: Array, pixels: int) -> Array:
+        """Counts in each of ``pixels`` of points of so much ``light`` (n,)."""
+        out = np.zeros(pixels)
+        entry_kernels.sum_light(self.start, self.pixel, self.share, np.asarray(light, np.float64), out)
+        return out
+
+    def of(self, which: NDArray[np.int64]) -> Lights:
+        """The light of the points ``which`` alone."""
+        return _taken(self, self, which)
+
+    def replaced(self, which: NDArray[np.int64], by: Lights) -> Lights:
+        """The same with the points ``which`` replaced by those of ``by``."""
+        if len(which) == len(self.start) - 1:
+            return by
+        source = np.arange(len(self.start) - 1)
+        source[which] = len(source) + np.arange(len(which))
+        return _taken(self, by, source)
+
+    def joined(self, others: Lights) -> Lights:
+        """The light of these points and then of others."""
+        return _taken(self, others, np.arange(len(self.start) + len(others.start) - 2))
+
     def whole(self) -> Array:
         """The share of each point's light that falls on the sensor (n,)."""
         return np.asarray(np.bincount(self.point, self.share, len(self.start) - 1), np.float64)
+
+
+def _taken(first: Lights, second: Lights, source: NDArray[np.int64], count: NDArray[np.int64] | None = None) -> Lights:
+    """The points ``source`` of those of ``first``, counted from 0, and of ``second``, counted on; of each the first
+    ``count`` (n,) entries, or all."""
+    if count is None:
+        count = np.concatenate([np.diff(first.start), np.diff(second.start)])[source]
+    start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    out = Lights(
+        start, np.empty(start[-1], np.int32), np.empty(start[-1], np.float32), np.empty((start[-1], 3), np.float32)
+    )
+    parts = (*_arrays(first), *_arrays(second), source.astype(np.int64), *_arrays(out))
+    in_threads(entry_kernels.take_entries, len(source), *parts)
+    return out
+
+
+def _arrays(lights: Lights) -> tuple[NDArray, ...]:
+    return lights.start, lights.pixel, lights.share, lights.gradient
 
 
 def diffraction_px(camera: PlenopticCamera, wavelength_nm: float = WAVELENGTH_NM) -> float:
@@ -60,18 +102,25 @@ class PointLights:
 
     ``blur_px``: standard deviation of the Gaussian that blurs micro-images, by default ``diffraction_px`` of green
     light. ``left``: how far rays fall beside those of a thin lens (``SpaceMap.left``), points then being those of lens
-    space. Cells are moved by it corner by corner; derivatives and the places of pixels leave it out.
+    space. Cells are bent by it, and so are derivatives (``bent_cells``); the places of pixels leave it out.
+    ``growth``: by what share micro-images are wider, per mm of a microlens' s and t (``SpaceMap.growth``).
     """
 
-    def __init__(self, camera: PlenopticCamera, blur_px: float | None = None, left: ViewShift | None = None):
+    def __init__(
+        self,
+        camera: PlenopticCamera,
+        blur_px: float | None = None,
+        left: ViewShift | None = None,
+        growth: tuple[float, float] = (0.0, 0.0),
+    ):
         self.camera, self.left = camera, left
         self.blur_px = max(diffraction_px(camera) if blur_px is None else blur_px, SHARPEST_PX)
-        self._centres, self._cell, self.constants = _constants(camera, self.blur_px)
-        self._tables = _tables(self.blur_px)
+        self._centres, self._cell, self.constants = _constants(camera, self.blur_px, growth)
+        self._table = _table(self.blur_px)
         radius = self.constants.radius
         self._u_mm = on_disc(radius, SHIFT_PLACES)
         u, v = self._u_mm.T / radius
-        self._of_places = np.linalg.pinv(np.stack([u**p * v**q for p, q in kernels.SHIFT_POWERS], 1))
+        self._of_places = np.linalg.pinv(np.stack([u**p * v**q for p, q in SHIFT_POWERS], 1))
         if left is not None:
             most = np.abs(left(np.repeat(self._u_mm, 2, 0), np.tile([[left.s_mm] * 2, [0.0, 0.0]], (SHIFT_PLACES, 1))))
             beside = float(most.max()) / camera.lattice.pitch_mm
@@ -89,7 +138,7 @@ class PointLights:
             raise PlenoPIVError(f"tracking: a particle is not in front of the main lens at z = {nearest:g} mm")
         start, count = np.zeros(len(position) + 1, np.int64), np.empty(len(position), np.int64)
         nothing = np.empty(0, np.int32), np.empty(0, np.float32), np.empty((0, 3), np.float32)
-        fixed = self.constants, self._centres, self._cell, *self._tables, position, self._shifts(position)
+        fixed = self.constants, self._centres, self._cell, self._table, position, self._shifts(position)
         in_threads(kernels.light_of_points, len(position), *fixed, True, start, count, *nothing)
         np.cumsum(count, out=start[1:])
         filled = (
@@ -97,14 +146,18 @@ class PointLights:
             np.empty(start[-1], np.float32),
             np.empty((start[-1], 3), np.float32),
         )
-        in_threads(kernels.light_of_points, len(position), *fixed, False, start, count, *filled)
-        return Lights(start, *filled)
+        in_threads(
+            kernels.light_of_points, len(position), *fixed, False, start, count, *filled
+        )  # fewer than there may be
+        entry_kernels.close_up(start, count, *filled)
+        pixel, share, gradient = filled
+        return Lights(start, pixel[: start[-1]], share[: start[-1]], gradient[: start[-1]])
 
     def _shifts(self, position: Array) -> Array:
         """Of each point (n, terms, 2): the polynomial in a ray's place on the main lens of how far it falls beside."""
         if self.left is None:
             return np.empty((len(position), 0, 2))
-        places, out = len(self._u_mm), np.empty((len(position), len(kernels.SHIFT_POWERS), 2))
+        places, out = len(self._u_mm), np.empty((len(position), len(SHIFT_POWERS), 2))
         spread, scale = self.camera.spread(position[:, 2]), self.camera.scale(position[:, 2])
         for low in range(0, len(position), TOGETHER):
             some = slice(low, low + TOGETHER)
@@ -115,7 +168,9 @@ class PointLights:
         return out
 
 
-def _constants(camera: PlenopticCamera, blur_px: float) -> tuple[Array, Array, LightConstants]:
+def _constants(
+    camera: PlenopticCamera, blur_px: float, growth: tuple[float, float]
+) -> tuple[Array, Array, LightConstants]:
     """Centres of the microlenses (nj, ni, 2), corners of a cell (n, 2), clockwise, and the other constants."""
     lattice, sensor, lens = camera.lattice.aligned(), camera.sensor, camera.main_lens
     half_s, half_t = 0.5 * sensor.columns * sensor.pixel_pitch_mm, 0.5 * sensor.rows * sensor.pixel_pitch_mm
@@ -148,6 +203,7 @@ def _constants(camera: PlenopticCamera, blur_px: float) -> tuple[Array, Array, L
             int(j0),
             camera.image_scale,
             0.5 * lens.aperture_mm,
+            *growth,
             sensor.pixel_pitch_mm,
             column0,
             row0,
@@ -164,8 +220,8 @@ def _constants(camera: PlenopticCamera, blur_px: float) -> tuple[Array, Array, L
     )
 
 
-def _tables(blur_px: float) -> tuple[Array, Array]:
-    """k and its integral K on -tail ... tail, ``PER_PX`` entries a pixel."""
+def _table(blur_px: float) -> NDArray[np.float32]:
+    """k, its integral K, and what both grow by to the next entry, on -tail ... tail, ``PER_PX`` entries a pixel."""
     tail = 0.5 + kernels.TAIL * blur_px
     at = np.arange(ceil(2 * tail * kernels.PER_PX) + 2) / kernels.PER_PX - tail
 
@@ -176,4 +232,5 @@ def _tables(blur_px: float) -> tuple[Array, Array]:
         return x * normal(x) + np.exp(-0.5 * x * x) / sqrt(2.0 * pi)
 
     above, below = (at + 0.5) / blur_px, (at - 0.5) / blur_px
-    return normal(above) - normal(below), blur_px * (twice(above) - twice(below))
+    values = np.stack([normal(above) - normal(below), blur_px * (twice(above) - twice(below))], -1)
+    return np.concatenate([values, np.diff(values, axis=0, append=values[-1:])], -1).astype(np.float32)

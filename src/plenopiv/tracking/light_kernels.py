@@ -15,23 +15,25 @@ Boundaries are taken in pieces of at most PIECE pixels with three Gauss-Legendre
 
 from __future__ import annotations
 
-from math import atan2, ceil, cos, floor, pi, sin, sqrt
+from math import ceil, cos, floor, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.kernels import kernel, part
+from plenopiv.tracking.bent_cells import MOST, bend, bends, inverse_of, left_of
+from plenopiv.tracking.cut_discs import ARCS, about, boundary
 
 PIECE = 0.4  # px between two sets of nodes: gradients are exact to half a percent for diffraction of 0.16 px
 NODES = 3
 ROOT = sqrt(0.6)  # Gauss-Legendre of three nodes on -1 ... 1
-PER_PX = 256  # entries of the tables of k and K
-TAIL = 4.0  # standard deviations of diffraction that the tables reach beyond the pixel
+SHORT = 0.25  # px: so short a piece has two nodes, as exact
+ROOT_OF_TWO = 1.0 / sqrt(3.0)  # Gauss-Legendre of two nodes
+PER_PX = 256  # entries of the table of k and K
+TAIL = 4.0  # standard deviations of diffraction that the table reaches beyond the pixel
+LEAST = 3e-5  # of the light of a pixel that is wholly lit, or of a cell: pixels with less of it are left out
 EDGE = 2.5  # standard deviations beyond its boundary at which a patch ends: 1e-5 of the light is left out
-LINES, ARCS = 0, 1  # kinds of pieces
-SHIFT_DEGREE = 3  # of the polynomial in a ray's place on the main lens by which it falls beside a thin lens'
-SHIFT_POWERS = [(p, q) for p in range(SHIFT_DEGREE + 1) for q in range(SHIFT_DEGREE + 1 - p)]
 SMALLEST_SPREAD = 1e-7  # stands for A in focus, where cells are larger than the aperture
 
 
@@ -49,6 +51,8 @@ class LightConstants(NamedTuple):
     j0: int
     image_scale: float  # e
     radius: float  # of the aperture
+    growth_s: float  # by what share its image under a microlens is wider, per mm of the microlens' s and t
+    growth_t: float
     pixel: float
     column0: float  # the optical axis in the image
     row0: float
@@ -64,76 +68,34 @@ class LightConstants(NamedTuple):
 
 
 @part
-def _add_piece(
-    pieces: NDArray[np.float64], box: NDArray[np.float64], n: int, kind: int, a: float, b: float, c: float, d: float
-) -> int:
-    pieces[n, 0], pieces[n, 1], pieces[n, 2], pieces[n, 3], pieces[n, 4] = kind, a, b, c, d
-    if kind == LINES:
-        box[0], box[1] = min(box[0], a, c), max(box[1], a, c)
-        box[2], box[3] = min(box[2], b, d), max(box[3], b, d)
-        return n + 1
-    for quarter in range(-4, 9):  # an arc: its ends are those of lines; its extremes
-        angle = 0.5 * pi * quarter
-        if a <= angle <= b:
-            x, y = c * cos(angle), c * sin(angle)
-            box[0], box[1], box[2], box[3] = min(box[0], x), max(box[1], x), min(box[2], y), max(box[3], y)
-    return n + 1
-
-
-@part
-def boundary(
-    corner: NDArray[np.float64],  # (corners, 2): the cell, anticlockwise, from the disc's middle
-    radius: float,
-    pieces: NDArray[np.float64],  # (n, 5) filled: kind; a line's ends, or an arc's angles and radius
-    box: NDArray[np.float64],  # (4,) filled: least and largest x and y
-) -> int:
-    """The boundary of a disc about the origin cut by a convex polygon, anticlockwise; returns how many pieces."""
-    count, square = corner.shape[0], radius * radius
-    box[0], box[1], box[2], box[3] = 1e300, -1e300, 1e300, -1e300
-    n, left, first, holds = 0, 1e300, 1e300, True
-    for k in range(count):
-        x0, y0 = corner[k, 0], corner[k, 1]
-        x1, y1 = corner[(k + 1) % count, 0], corner[(k + 1) % count, 1]
-        dx, dy = x1 - x0, y1 - y0
-        holds = holds and dx * -y0 - dy * -x0 > 0.0
-        inside0, inside1 = x0 * x0 + y0 * y0 <= square, x1 * x1 + y1 * y1 <= square
-        lo, hi = 0.0, 1.0
-        if not (inside0 and inside1):
-            length = dx * dx + dy * dy
-            half = x0 * dx + y0 * dy
-            root = half * half - length * (x0 * x0 + y0 * y0 - square)
-            if root <= 0.0:
-                continue
-            root = sqrt(root)
-            if not inside0:
-                lo = (-half - root) / length
-            if not inside1:
-                hi = (-half + root) / length
-            if not (lo < 1.0 and hi > 0.0 and lo < hi):
-                continue
-        ax, ay, bx, by = x0 + lo * dx, y0 + lo * dy, x0 + hi * dx, y0 + hi * dy
-        if not inside0:
-            angle = atan2(ay, ax)
-            if left < 1e299:
-                n = _add_piece(pieces, box, n, ARCS, left, angle if angle >= left else angle + 2 * pi, radius, 0.0)
-            else:
-                first = angle
-        n = _add_piece(pieces, box, n, LINES, ax, ay, bx, by)
-        if not inside1:
-            left = atan2(by, bx)
-    if n == 0:
-        return _add_piece(pieces, box, 0, ARCS, 0.0, 2.0 * pi, radius, 0.0) if holds else 0
-    if first < 1e299 and left < 1e299:
-        n = _add_piece(pieces, box, n, ARCS, left, first if first >= left else first + 2 * pi, radius, 0.0)
-    return n
-
-
-@part
-def _table_at(table: NDArray[np.float64], tail: float, x: float) -> float:
-    """A table of k or K at x, between its entries; what it ends with beyond."""
-    at = (min(max(x, -tail), tail) + tail) * PER_PX
-    i = min(int(at), table.size - 2)
-    return table[i] + (at - i) * (table[i + 1] - table[i])
+def _at_node(
+    cam: LightConstants,
+    table: NDArray[np.float32],  # (n, 4): k, K, and what they grow by to the next entry
+    x: float, y: float,  # of the node, pixels from the middle of the patch's first pixel
+    rows: int, columns: int,
+    of_share: float, gx: float, gy: float, gz: float,  # what multiplies K k, and k k
+    column: NDArray[np.float32],  # (4 columns,) to work in
+    patch: NDArray[np.float32],  # (rows, 4 columns): share and gradient of each pixel, added to
+) -> None:  # fmt: skip
+    """Add a node of the boundary to the pixels of a patch."""
+    last = table.shape[0] - 2
+    along = np.float32((x + cam.tail_px) * PER_PX)
+    by_k, by_x, by_y, by_z = np.float32(of_share), np.float32(gx), np.float32(gy), np.float32(gz)
+    for c in range(columns):
+        at = min(max(along - np.float32(PER_PX * c), np.float32(0.0)), np.float32(last))
+        i = int(at)
+        rest = at - np.float32(i)
+        k = table[i, 0] + rest * table[i, 2]
+        column[4 * c] = by_k * (table[i, 1] + rest * table[i, 3])
+        column[4 * c + 1] = by_x * k
+        column[4 * c + 2] = by_y * k
+        column[4 * c + 3] = by_z * k
+    for r in range(max(ceil(y - cam.tail_px), 0), min(floor(y + cam.tail_px) + 1, rows)):
+        at = min(max(np.float32((y - r + cam.tail_px) * PER_PX), np.float32(0.0)), np.float32(last))
+        i = int(at)
+        ky = table[i, 0] + (at - np.float32(i)) * table[i, 2]
+        for q in range(4 * columns):
+            patch[r, q] += ky * column[q]
 
 
 @part
@@ -164,46 +126,21 @@ def _lenses_of_row(cam: LightConstants, a: float, b: float, reach: float, j: int
 
 
 @part
-def _shift_corners(
-    corner: NDArray[np.float64], cell_px: float, to_px: float, radius: float, shift: NDArray[np.float64]
-) -> None:
-    """Move the corners of a cell to where rays that fall beside those of a thin lens cross the main lens, in place.
-    ``shift`` (terms, 2): of SHIFT_POWERS of (u, v) in units of the aperture's radius, mm on the microlens plane.
-    Corners beyond the aperture take what it is at its edge."""
-    for k in range(corner.shape[0]):
-        u, v = corner[k, 0] / (to_px * radius), -corner[k, 1] / (to_px * radius)
-        far = sqrt(u * u + v * v)
-        if far > 1.0:
-            u, v = u / far, v / far
-        ds, dt = 0.0, 0.0
-        power_u, term = 1.0, 0
-        for p in range(SHIFT_DEGREE + 1):
-            power = power_u
-            for _ in range(SHIFT_DEGREE + 1 - p):
-                ds += shift[term, 0] * power
-                dt += shift[term, 1] * power
-                power *= v
-                term += 1
-            power_u *= u
-        corner[k, 0] -= cell_px * ds
-        corner[k, 1] += cell_px * dt
-
-
-@part
 def _light_of_point(
     cam: LightConstants,
     centres: NDArray[np.float64],  # (nj, ni, 2): centres of the microlenses, mm
     cell: NDArray[np.float64],  # (corners, 2): of a cell about its centre, mm, clockwise in (s, t)
-    k_table: NDArray[np.float64], big_k_table: NDArray[np.float64],
+    table: NDArray[np.float32],
     x: float, y: float, z: float,
     shift: NDArray[np.float64],  # (terms, 2), or no terms where the main lens is a thin one
     count_alone: bool,
     pixel: NDArray[np.int32], share: NDArray[np.float32], gradient: NDArray[np.float32],
     at: int,  # where this point's entries begin
     corner: NDArray[np.float64], pieces: NDArray[np.float64], box: NDArray[np.float64], window: NDArray[np.int64],
-    column_k: NDArray[np.float64], column_big: NDArray[np.float64],  # (columns of a patch,) to work in
+    bent: NDArray[np.float64], left: NDArray[np.float64], inverse: NDArray[np.float64], crossing: NDArray[np.float64],
+    column: NDArray[np.float32], patch: NDArray[np.float32],
 ) -> int:  # fmt: skip
-    """Fill the pixels of a point; how many. ``count_alone``: only count them."""
+    """Fill the pixels of a point; how many. ``count_alone``: only count those that there may be."""
     distance = cam.object_distance - z
     a = 1.0 + cam.image_distance / distance - cam.image_distance / cam.focal
     b = -cam.image_distance / distance
@@ -213,25 +150,33 @@ def _light_of_point(
     e, px = cam.image_scale, cam.pixel
     image_s, image_t = b * x, b * y
     to_px = e * (1.0 - a) / px  # mm on the main lens -> px of the patch
-    radius = cam.radius * to_px
     cell_px = to_px / a
-    density = 1.0 / (pi * radius * radius)
     swell = 2.0 * rate / (1.0 - a)
+    of_cell = min((cell_px * cam.pitch) ** 2 * cam.row_spacing, 1.0)
     ds, dt = image_s - cam.offset_s, image_t - cam.offset_t
     along, across = (cam.cos * ds + cam.sin * dt) / cam.pitch, (cam.cos * dt - cam.sin * ds) / cam.pitch
-    reach = abs(a) * cam.radius / cam.pitch + 0.7072 + cam.moved
-    first = at
+    wide = 1.0 + cam.growth_s * image_s + cam.growth_t * image_t
+    reach = abs(a) * cam.radius * wide / cam.pitch + 0.7072 + cam.moved
+    first, thin = at, shift.shape[0] == 0 or not bends(a, cam.radius, shift, left)
+    inverse[0], inverse[1], inverse[2], inverse[3] = 1.0 / a, 0.0, 0.0, 1.0 / a
     low, high = _lens_rows(cam, across, reach)
     for j in range(max(low, cam.j0), min(high, cam.j0 + centres.shape[0])):
         lo, hi = _lenses_of_row(cam, along, across, reach, j)
         for i in range(max(lo, cam.i0), min(hi, cam.i0 + centres.shape[1])):
             lens_s, lens_t = centres[j - cam.j0, i - cam.i0, 0], centres[j - cam.j0, i - cam.i0, 1]
+            radius = cam.radius * to_px * (1.0 + cam.growth_s * lens_s + cam.growth_t * lens_t)
+            density = 1.0 / (pi * radius * radius)
+            least = LEAST * density * of_cell
             for k in range(cam.corners):
                 corner[k, 0] = cell_px * (lens_s + cell[k, 0] - image_s)
                 corner[k, 1] = -cell_px * (lens_t + cell[k, 1] - image_t)
-            if shift.shape[0] > 0:
-                _shift_corners(corner, cell_px, to_px, cam.radius, shift)
-            n = boundary(corner, radius, pieces, box)
+            if thin and count_alone:
+                n = about(corner, cam.corners, radius, box)
+            elif thin:
+                n = boundary(corner, cam.corners, radius, pieces, box, crossing)
+            else:
+                points = bend(corner, to_px, a, cam.radius, shift, bent, left, inverse)
+                n = boundary(bent, points, radius, pieces, box, crossing)
             if n == 0:
                 continue
             x0 = cam.column0 - (lens_s + e * image_s) / px
@@ -244,13 +189,8 @@ def _light_of_point(
                 continue
             columns, rows = window[2], window[3]
             for r in range(rows):
-                for c in range(columns):
-                    entry = at + r * columns + c
-                    pixel[entry] = (window[1] + r) * cam.columns + window[0] + c
-                    share[entry] = 0.0
-                    gradient[entry, 0] = 0.0
-                    gradient[entry, 1] = 0.0
-                    gradient[entry, 2] = 0.0
+                for q in range(4 * columns):
+                    patch[r, q] = 0.0
             for p in range(n):
                 arc = pieces[p, 0] == ARCS
                 if arc:
@@ -262,46 +202,48 @@ def _light_of_point(
                     length = sqrt(dx * dx + dy * dy)
                 if length <= 0.0:
                     continue
+                if not (arc or thin):
+                    left_of(shift, cam.radius, (px0 + 0.5 * dx) / to_px, -(py0 + 0.5 * dy) / to_px, left)
+                    inverse_of(a, left, inverse)
+                    for k in range(4):
+                        inverse[k] *= 1.0 - a
+                    inverse[0] += 1.0
+                    inverse[3] += 1.0
                 parts = ceil(length / PIECE)
                 step = length / parts
-                for node in range(NODES * parts):
-                    of_three = node % NODES
-                    middle = (node // NODES + 0.5 + 0.5 * ROOT * (of_three - 1)) / parts
-                    ds_px = step * (4.0 / 9.0 if of_three == 1 else 5.0 / 18.0)
+                short = length <= SHORT
+                for node in range(2 if short else NODES * parts):
+                    if short:
+                        middle, ds_px = 0.5 + (node - 0.5) * ROOT_OF_TWO, 0.5 * length
+                    else:
+                        of_three = node % NODES
+                        middle = (node // NODES + 0.5 + 0.5 * ROOT * (of_three - 1)) / parts
+                        ds_px = step * (4.0 / 9.0 if of_three == 1 else 5.0 / 18.0)
                     if arc:
                         angle = pieces[p, 1] + middle * turn
                         nx, ny = cos(angle), sin(angle)
                         wx, wy = radius * nx, radius * ny
-                        slow = 1.0
+                        along_u, along_v = nx, -ny
                     else:
                         wx, wy = px0 + middle * dx, py0 + middle * dy
                         nx, ny = dy / length, -dx / length
-                        slow = 1.0 / a
+                        along_u, along_v = nx * inverse[0] - ny * inverse[2], nx * inverse[1] - ny * inverse[3]
                     # along the columns, u of the main lens is wx / to_px; along the rows, -wy / to_px
                     factor = e / px * ds_px * density
-                    if arc:
-                        gx, gy = -b * nx * factor, b * ny * factor
-                        gz = rate * ((x - wx / to_px) * nx + (-y - wy / to_px) * ny) * factor
-                    else:
-                        gx, gy = -b * slow * nx * factor, b * slow * ny * factor
-                        gz = rate * slow * ((x - wx / to_px) * nx + (-y - wy / to_px) * ny) * factor
+                    gx, gy = -b * along_u * factor, -b * along_v * factor
+                    gz = rate * ((x - wx / to_px) * along_u + (y + wy / to_px) * along_v) * factor
                     of_share = nx * ds_px * density
-                    for c in range(columns):
-                        column_k[c] = _table_at(k_table, cam.tail_px, x0 + wx - window[0] - c)
-                        column_big[c] = _table_at(big_k_table, cam.tail_px, x0 + wx - window[0] - c)
-                    y_here = y0 + wy - window[1]
-                    for r in range(max(ceil(y_here - cam.tail_px), 0), min(int(y_here + cam.tail_px) + 1, rows)):
-                        ky = _table_at(k_table, cam.tail_px, y_here - r)
-                        for c in range(columns):
-                            entry = at + r * columns + c
-                            share[entry] += of_share * ky * column_big[c]
-                            both = ky * column_k[c]
-                            gradient[entry, 0] += gx * both
-                            gradient[entry, 1] += gy * both
-                            gradient[entry, 2] += gz * both
-            for entry in range(at, at + size):
-                gradient[entry, 2] += swell * share[entry]
-            at += size
+                    here_x, here_y = x0 + wx - window[0], y0 + wy - window[1]
+                    _at_node(cam, table, here_x, here_y, rows, columns, of_share, gx, gy, gz, column, patch)
+            for r in range(rows):
+                for c in range(columns):
+                    if patch[r, 4 * c] > least:
+                        pixel[at] = (window[1] + r) * cam.columns + window[0] + c
+                        share[at] = patch[r, 4 * c]
+                        gradient[at, 0] = patch[r, 4 * c + 1]
+                        gradient[at, 1] = patch[r, 4 * c + 2]
+                        gradient[at, 2] = patch[r, 4 * c + 3] + swell * patch[r, 4 * c]
+                        at += 1
     return at - first
 
 
@@ -309,25 +251,25 @@ def _light_of_point(
 def light_of_points(
     begin: int, end: int,
     cam: LightConstants,
-    centres: NDArray[np.float64], cell: NDArray[np.float64],
-    k_table: NDArray[np.float64], big_k_table: NDArray[np.float64],
+    centres: NDArray[np.float64], cell: NDArray[np.float64], table: NDArray[np.float32],
     position: NDArray[np.float64],  # (points, 3): x, y, z, mm
     shift: NDArray[np.float64],  # (points, terms, 2)
     count_alone: bool,
     start: NDArray[np.int64],  # (points,): where a point's entries begin
-    count: NDArray[np.int64],  # (points,): filled where count_alone
+    count: NDArray[np.int64],  # (points,): filled, how many a point has, or may have where count_alone
     pixel: NDArray[np.int32], share: NDArray[np.float32], gradient: NDArray[np.float32],
 ) -> None:  # fmt: skip
-    """Pixels, shares and gradients of points ``begin`` to ``end``, or how many pixels each lights."""
-    corner, pieces = np.empty((cam.corners, 2)), np.empty((2 * cam.corners + 2, 5))
+    """Pixels, shares and gradients of points ``begin`` to ``end``, or how many pixels each may light."""
+    corner, bent = np.empty((cam.corners, 2)), np.empty((cam.corners * (MOST + 2), 2))
+    pieces, left, inverse = np.empty((2 * len(bent) + 2, 5)), np.empty(6), np.empty(4)
+    crossing = np.empty((2, len(bent)))
     box, window = np.empty(4), np.empty(4, np.int64)
     side = int(2.0 * cam.radius * cam.image_scale / cam.pixel * 1.5) + 8
-    column_k, column_big = np.empty(side), np.empty(side)
+    column, patch = np.empty(4 * side, np.float32), np.empty((side, 4 * side), np.float32)
     for n in range(begin, end):
-        found = _light_of_point(
-            cam, centres, cell, k_table, big_k_table, position[n, 0], position[n, 1], position[n, 2],
+        count[n] = _light_of_point(
+            cam, centres, cell, table, position[n, 0], position[n, 1], position[n, 2],
             shift[n], count_alone,
-            pixel, share, gradient, start[n], corner, pieces, box, window, column_k, column_big,
+            pixel, share, gradient, start[n], corner, pieces, box, window, bent, left, inverse,
+            crossing, column, patch,
         )  # fmt: skip
-        if count_alone:
-            count[n] = found

@@ -11,6 +11,11 @@ from plenopiv.reconstruction.noise import QUANTUM
 
 Array = NDArray[np.float64]
 LEAST_UNLIT = 500  # pixels without light that the dark noise is measured on
+LEAST_LIT = 2000  # pixels with light that the shot noise is measured on
+BRIGHT = 3.0  # dark standard deviations above which a pixel is lit; shot noise is measured on the brighter half of them
+MEDIAN = 0.4549  # of chi^2 with one degree of freedom
+SAMPLE = 200_000  # pixels, evenly spaced, that are looked at
+STEPS = 4  # in which dark noise and shot noise are measured, each with the other known
 
 
 @dataclass(frozen=True)
@@ -18,15 +23,16 @@ class Pixels:
     """One frame's pixels, all (rows * columns,), as upright images run.
 
     ``counts`` above the black level, static light taken off; ``usable``: not masked, hot or saturated; ``noise``: the
-    variance in counts^2 without the particles' light (a number, or of each pixel); ``counts_per_electron``: of shot
-    noise. ``background``: even stray light in counts.
+    variance of a dark pixel in counts^2; ``counts_per_electron``: of shot noise. ``background``: even stray light in
+    counts; ``static``: counts of static light that were taken off, whose shot noise is left.
     """
 
     counts: Array
     usable: NDArray[np.bool_]
-    noise: Array | float
+    noise: float
     counts_per_electron: float
     background: float = 0.0
+    static: Array | float = 0.0
 
     @classmethod
     def of_image(
@@ -44,27 +50,46 @@ class Pixels:
         usable = np.asarray(image < full_scale).ravel()
         if unusable is not None:
             usable &= ~unusable.ravel()
-        noise: Array | float = dark**2
+        behind: Array | float = 0.0
         if static is not None:
-            noise = noise + counts_per_electron * np.maximum(static, 0.0).ravel().astype(np.float64)
+            behind = np.maximum(static, 0.0).ravel().astype(np.float64)
         counts = np.asarray(image, np.float64).ravel() - black_level
-        return cls(counts, usable, noise, counts_per_electron)
+        return cls(counts, usable, float(dark) ** 2, counts_per_electron, 0.0, behind)
 
     def variance(self, light: Array) -> Array:
         """Variance in counts^2 of pixels that expect ``light`` counts of particles."""
-        return self.counts_per_electron * np.maximum(light + self.background, 0.0) + self.noise
+        return self.counts_per_electron * (np.maximum(light + self.background, 0.0) + self.static) + self.noise
 
-    def with_background_where(self, unlit: NDArray[np.bool_]) -> Pixels:
-        """The same with stray light and dark noise measured on pixels that no particle lights; the same where there are
-        too few."""
-        values = self.counts[unlit & self.usable]
+    def with_measured_noise(self, unlit: NDArray[np.bool_], expected: Array) -> Pixels:
+        """The same with noise measured on this frame. ``unlit``: pixels that no particle lights, which tell stray light
+        and dark noise; ``expected``: counts of particles in each pixel. What pixels with light differ from that by
+        tells the shot noise: it is taken where it is less than what was known, as a white image whose microlenses
+        differ only bounds it. Median deviations are compared, so that particles not yet found count little. The same
+        where there are too few pixels."""
+        some = slice(None, None, max(len(expected) // SAMPLE, 1))
+        counts, usable, expected = self.counts[some], self.usable[some], expected[some]
+        behind = np.broadcast_to(self.static, self.counts.shape)[some]
+        dark = unlit[some] & usable
+        dark[dark] = behind[dark] <= np.median(behind[dark]) if dark.any() else True
+        values = counts[dark]
         if len(values) < LEAST_UNLIT:
             return self
         background = float(np.mean(values[np.abs(values - np.median(values)) < 6.0 * _spread(values)]))
-        if not isinstance(self.noise, float):
-            return replace(self, background=background)
-        noise = max(_spread(values) ** 2 - self.counts_per_electron * max(background, 0.0), 1.0 / 12.0)
-        return replace(self, background=background, noise=noise)
+        total = np.maximum(expected + background, 0.0) + behind
+        square = (counts - background - expected) ** 2
+        spread = _spread(values - background) ** 2
+        mean = float(np.mean(total[dark]))
+        noise, gain = self.noise, self.counts_per_electron
+        for _ in range(STEPS):
+            noise = max(spread - gain * mean, 1.0 / 12.0)
+            lit = usable & (expected > BRIGHT * noise**0.5)
+            if np.count_nonzero(lit) < LEAST_LIT:
+                continue
+            lit &= expected > np.median(expected[lit])
+            ratio = float(np.median(square[lit] / (gain * total[lit] + noise))) / MEDIAN
+            level = float(np.median(total[lit]))
+            gain = min(max((ratio * (gain * level + noise) - noise) / level, 0.0), self.counts_per_electron)
+        return replace(self, background=background, noise=noise, counts_per_electron=gain)
 
 
 def _spread(values: Array) -> float:

@@ -5,10 +5,12 @@ and light minimise
 
     chi^2 = sum_p (counts_p - mu_p)^2 / V_p + sum_i |(x_i - prior_i) / prior std|^2 .
 
-Each iteration evaluates the exact light of every particle and its derivatives, and solves the normal equations of all
-particles at once: particles that share pixels are coupled by 4 x 4 blocks, so the matrix is sparse, and conjugate
-gradients with each particle's own block as preconditioner need a few tens of products. The prior keeps particles in the
-dead zone, whose depth no pixel tells, where they were first seen; it is wide against the error of any other.
+Each iteration asks by how much chi^2 falls where a particle moves alone, a sum over its pixels. Those that would gain
+less than STILL^2 rest: their light is known from before. The others move together: the normal equations couple
+particles that share pixels by 4 x 4 blocks, so the matrix is sparse, and conjugate gradients with each particle's own
+block as preconditioner need a few tens of products; their exact light and its derivatives are computed anew. The prior
+keeps particles in the dead zone, whose depth no pixel tells, where they were first seen; it is wide against the error
+of any other.
 
 Source: Bjorck, *Numerical Methods for Least Squares Problems* (1996), sections 7.4 and 9.2; the same normal equations
 are the Fisher information of ``accuracy.bound``, so their inverse is the covariance.
@@ -30,9 +32,11 @@ from plenopiv.tracking.light import Lights, PointLights
 from plenopiv.tracking.pixels import Pixels
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 UNIT_MM = np.array([0.01, 0.01, 0.05])  # of the unknowns, so that all of a particle's information is of one order
 TOLERANCE, PRODUCTS = 1e-3, 80  # of conjugate gradients: the next iteration is a better one
 DAMPING = 1e-3  # of each particle's own information (Levenberg-Marquardt)
+LEAST_KNOWN = 1e-12  # information added to a particle's, of whose light no pixel is used
 LARGEST_STEP = np.array([1.2, 1.2, 1.6])  # units: farther the derivatives do not hold
 OUTLYING = 4.0  # standard deviations from which on pixels count less, as light of a particle not yet found (Huber 1981)
 LEAST_LIGHT = 1e-3  # of the median: light stays positive
@@ -44,6 +48,11 @@ class Prior:
 
     position_mm: Array
     std_mm: Array
+
+    @property
+    def information(self) -> Array:
+        """(3,), in UNIT_MM^-2."""
+        return np.asarray((UNIT_MM / self.std_mm) ** 2)
 
 
 @dataclass(frozen=True)
@@ -68,29 +77,45 @@ def prior_std_mm(camera: PlenopticCamera) -> Array:
 
 
 def refine(
-    of_points: PointLights, pixels: Pixels, position_mm: Array, light: Array, prior: Prior, iterations: int
+    of_points: PointLights,
+    pixels: Pixels,
+    position_mm: Array,
+    light: Array,
+    prior: Prior,
+    iterations: int,
+    lights: Lights | None = None,
+    still: float = 0.0,
 ) -> Fit:
-    """Fit particles by ``iterations`` of Gauss-Newton from positions (n, 3) mm and light (n,) counts."""
+    """Fit particles by ``iterations`` of Gauss-Newton, at most, from positions (n, 3) mm and light (n,) counts.
+    ``lights``: of the positions, where it is known; ``still``: the root of chi^2 that a particle must gain to move."""
     position, light = position_mm.copy(), light.copy()
-    for done in range(iterations + 1):
-        lights = of_points(position)
+    lights = of_points(position) if lights is None else lights
+    for _ in range(iterations):
         residual, variance = _residual(lights, pixels, light)
-        believed = variance * np.maximum(np.abs(residual) / np.sqrt(variance) / OUTLYING, 1.0)
-        normal, slope = _equations(lights, pixels.usable, light, residual, believed)
-        if done == iterations:
+        weight, pull = _weights(pixels.usable, residual, variance)
+        own, slope = _own_equations(lights, light, weight, pull)
+        slope[:, :3] += prior.information * (prior.position_mm - position) / UNIT_MM
+        known = own + np.diag([*prior.information, 0.0]) + LEAST_KNOWN * np.eye(4)
+        gain = np.einsum("ni,ni->n", slope, np.linalg.solve(known, slope[:, :, None])[:, :, 0])
+        which = np.flatnonzero(gain > still**2)
+        if len(which) == 0:
             break
-        own = _with_prior(normal, slope, position, prior)
-        step = _solved(normal, own, slope)
-        position += UNIT_MM * np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
+        some = lights if len(which) == len(light) else lights.of(which)
+        normal = _equations(some, light[which], weight)
+        step = _solved(normal, _with_prior(normal, prior), slope[which])
+        position[which] += UNIT_MM * np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
         least = LEAST_LIGHT * float(np.median(light))
-        light = np.maximum(light * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
-    _with_prior(normal, slope, position, prior)
+        light[which] = np.maximum(light[which] * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
+        lights = lights.replaced(which, of_points(position[which]))
+    residual, variance = _residual(lights, pixels, light)
+    weight, pull = _weights(pixels.usable, residual, variance)
+    normal = _equations(lights, light, weight)
+    _with_prior(normal, prior)
     return Fit(position, light, normal, lights, residual, variance)
 
 
-def fit_light(of_points: PointLights, pixels: Pixels, position_mm: Array, light: Array, rounds: int = 3) -> Array:
-    """The light (n,) in counts that fits best where positions are given; not negative."""
-    lights = of_points(position_mm)
+def fit_light(lights: Lights, pixels: Pixels, light: Array, rounds: int = 3) -> Array:
+    """The light (n,) in counts that fits best where ``lights`` are; positive."""
     for _ in range(rounds):
         residual, variance = _residual(lights, pixels, light)
         weight = np.where(pixels.usable, 1.0 / variance, 0.0)[lights.pixel]
@@ -110,34 +135,45 @@ def fit_light(of_points: PointLights, pixels: Pixels, position_mm: Array, light:
 
 def _residual(lights: Lights, pixels: Pixels, light: Array) -> tuple[Array, Array]:
     """Counts that particles do not explain, and the variance, of each pixel."""
-    of_all = np.bincount(lights.pixel, light[lights.point] * lights.share, len(pixels.counts))
-    expected: Array = of_all.astype(np.float64)
+    expected = lights.image(light, len(pixels.counts))
     return np.where(pixels.usable, pixels.counts - pixels.background - expected, 0.0), pixels.variance(expected)
 
 
-def _equations(
-    lights: Lights, usable: NDArray[np.bool_], light: Array, residual: Array, variance: Array
-) -> tuple[bsr_array, Array]:
-    """The normal equations of all particles: matrix (4n, 4n) in blocks, right side (n, 4)."""
+def _weights(usable: NDArray[np.bool_], residual: Array, variance: Array) -> tuple[Single, Single]:
+    """Of each pixel one over the standard deviation that it counts with, 0 where it cannot be used, and the residual in
+    such standard deviations."""
+    std = np.sqrt(variance)
+    std *= np.sqrt(np.maximum(np.abs(residual) / std / OUTLYING, 1.0))
+    weight = np.where(usable, 1.0 / std, 0.0)
+    return weight.astype(np.float32), (weight * residual).astype(np.float32)
+
+
+def _own_equations(lights: Lights, light: Array, weight: Single, pull: Single) -> tuple[Array, Array]:
+    """Each particle's own block (n, 4, 4) of the normal equations, pixels that two of its microlenses light taken as
+    two, and the right side (n, 4)."""
+    own, slope = np.empty((len(light), 4, 4)), np.empty((len(light), 4))
+    entries = lights.start, lights.pixel, lights.share, lights.gradient
+    in_threads(normal_kernels.own_equations, len(light), *entries, light, UNIT_MM, weight, pull, own, slope)
+    return own, slope
+
+
+def _equations(lights: Lights, light: Array, weight: Single) -> bsr_array:
+    """The normal equations (4n, 4n) of particles, in blocks."""
     n, m = len(light), len(lights.pixel)
-    weight = np.where(usable, 1.0 / np.sqrt(variance), 0.0)[lights.pixel]
-    scale = (light[lights.point] * weight).astype(np.float32)
-    whitened = np.empty((m, 4), np.float32)
-    whitened[:, :3] = lights.gradient * UNIT_MM.astype(np.float32)
-    whitened[:, 3] = lights.share
-    whitened *= scale[:, None]
-    pixel_start, entry = np.zeros(len(residual) + 1, np.int64), np.empty(m, np.int32)
-    normal_kernels.entries_of_pixels(lights.pixel, pixel_start, entry)
-    particle, count = lights.point.astype(np.int32), np.empty(n, np.int64)
-    shared = lights.start, lights.pixel, particle, pixel_start, entry
-    in_threads(normal_kernels.count_neighbours, n, *shared, count)
-    block_start = np.concatenate([[0], np.cumsum(count)])
-    neighbour, block = np.empty(block_start[-1], np.int32), np.zeros((block_start[-1], 4, 4))
-    in_threads(normal_kernels.sum_blocks, n, *shared, whitened, block_start, neighbour, block)
-    normal = bsr_array((block, neighbour, block_start), shape=(4 * n, 4 * n))
-    pull = (residual / np.sqrt(variance)).astype(np.float32)[lights.pixel]
-    slope = np.stack([np.bincount(lights.point, whitened[:, k] * pull, n) for k in range(4)], -1)
-    return normal, np.asarray(slope, np.float64)
+    pixel_end = np.zeros(len(weight), np.int64)
+    rank, particle, whitened = np.empty(m, np.int32), np.empty(m, np.int32), np.empty((m, 4), np.float32)
+    normal_kernels.by_pixels(lights.start, lights.pixel, pixel_end, rank, particle)
+    entries = lights.start, lights.pixel, lights.share, lights.gradient
+    in_threads(normal_kernels.whiten, n, *entries, light, UNIT_MM, weight, rank, whitened)
+    count, shared = np.empty(n, np.int64), (lights.start, lights.pixel, pixel_end, rank, particle)
+    in_threads(normal_kernels.count_later, n, *shared, count)
+    later_start = np.concatenate([[0], np.cumsum(count)])
+    later, of_later = np.empty(later_start[-1], np.int32), np.zeros((later_start[-1], 4, 4), np.float32)
+    in_threads(normal_kernels.sum_later, n, *shared, whitened, later_start, later, of_later)
+    both, block_start = 2 * int(later_start[-1]) - n, np.zeros(n + 1, np.int64)
+    neighbour, block = np.empty(both, np.int32), np.empty((both, 4, 4), np.float32)
+    normal_kernels.both_ways(later_start, later, of_later, block_start, neighbour, block)
+    return bsr_array((block, neighbour, block_start), shape=(4 * n, 4 * n))
 
 
 def _diagonal(normal: bsr_array) -> NDArray[np.int64]:
@@ -146,25 +182,23 @@ def _diagonal(normal: bsr_array) -> NDArray[np.int64]:
     return np.flatnonzero(row == normal.indices)
 
 
-def _with_prior(normal: bsr_array, slope: Array, position: Array, prior: Prior) -> Array:
-    """Add the prior to the equations, in place; the particles' own blocks (n, 4, 4)."""
+def _with_prior(normal: bsr_array, prior: Prior) -> Array:
+    """Add the prior's information to the equations, in place; the particles' own blocks (n, 4, 4)."""
     own = _diagonal(normal)
-    information = (UNIT_MM / prior.std_mm) ** 2
     for axis in range(3):
-        normal.data[own, axis, axis] += information[axis]
-    slope[:, :3] += information * (prior.position_mm - position) / UNIT_MM
-    return normal.data[own]
+        normal.data[own, axis, axis] += prior.information[axis]
+    return np.asarray(normal.data[own], np.float64)
 
 
 def _solved(normal: bsr_array, own: Array, slope: Array) -> Array:
     """The step (n, 4), in units, that solves the damped equations."""
     diagonal = np.einsum("nii->ni", own)
-    damping = DAMPING * diagonal + 1e-12
+    damping = DAMPING * diagonal + LEAST_KNOWN
     inverse = np.linalg.inv(own + damping[:, :, None] * np.eye(4))
     n = len(own)
 
     def times(v: Array) -> Array:
-        return np.asarray(normal @ v) + damping.ravel() * v.ravel()
+        return np.asarray(normal @ v.astype(np.float32)) + damping.ravel() * v.ravel()
 
     def precondition(v: Array) -> Array:
         return np.asarray(np.einsum("nij,nj->ni", inverse, v.reshape(n, 4))).ravel()

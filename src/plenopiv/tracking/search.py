@@ -4,7 +4,9 @@ A place of the volume sends rays, one for about a pixel of its light, to the pix
 by how many standard deviations it is brighter than the particles known so far make it, at most MOST, so that a few
 bright pixels of another particle do not count as many. The sum over the square root of their number is a place's score:
 normal noise has 1. Local maxima above LEAST are returned, the highest within reach of each other alone; the rest is
-looked for again once these are fitted. Whether they are particles is decided after that (``evidence``).
+looked for again once these are fitted. Whether they are particles is decided after that (``evidence``). A quarter of
+the rays, spread over the aperture, is asked first: a place where their mean is below POOR of what LEAST needs scores
+nothing.
 """
 
 from __future__ import annotations
@@ -25,6 +27,10 @@ from plenopiv.volume import Limits
 
 MOST = 4.0  # standard deviations that one pixel counts at most
 LEAST = 9.0  # score of a place that is worth a fit; noise alone does not reach 6
+FIRST, POOR = (
+    4,
+    0.3,
+)  # which part of the rays is asked first, and what share of the mean that LEAST needs they must show
 STEP_PITCHES = 0.4  # of places in the plane, in microlens pitches of the focal plane
 STEP_DEPTH = 2.0  # of places in depth, by how much the blur's diameter grows, in such steps
 APART_PITCHES = 1.6  # within which the highest maximum alone is taken
@@ -39,11 +45,12 @@ def _scores(
     cam: LightConstants,
     excess: NDArray[np.float32],  # (rows * columns,): standard deviations, clipped; NaN where a pixel cannot be used
     x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], z_mm: NDArray[np.float64],
-    ray: NDArray[np.float64],  # (rays, 2): on the main lens, mm
+    ray: NDArray[np.float64],  # (rays, 2): on the main lens, mm, the first of them spread as all are
     score: NDArray[np.float32],  # (nz, ny, nx), filled
 ) -> None:  # fmt: skip
     """Scores of the rows ``begin`` to ``end`` of places, k * ny + j, on a regular lattice of microlenses."""
-    ny = y_mm.size
+    ny, first = y_mm.size, ray.shape[0] // FIRST
+    poor = POOR * LEAST / sqrt(float(ray.shape[0]))
     for row in range(begin, end):
         k, j = row // ny, row % ny
         distance = cam.object_distance - z_mm[k]
@@ -53,6 +60,9 @@ def _scores(
             total, used = 0.0, 0
             image_s, image_t = b * x_mm[i], b * y_mm[j]
             for r in range(ray.shape[0]):
+                if r == first and total < poor * used:
+                    used = 0
+                    break
                 u, v = ray[r, 0], ray[r, 1]
                 ds, dt = a * u + image_s - cam.offset_s, a * v + image_t - cam.offset_t
                 along, across = (cam.cos * ds + cam.sin * dt) / cam.pitch, (cam.cos * dt - cam.sin * ds) / cam.pitch
@@ -86,7 +96,7 @@ def places_of_light(of_points: PointLights, excess: Array, limits_mm: Limits) ->
     x, y, z = (_axis(lo, hi, d) for (lo, hi), d in zip(limits_mm, (step, step, deep), strict=True))
     n = round(pi * camera.aperture_radius_px**2)
     turn, r = 2.0 * pi * (sqrt(5.0) - 1.0) / 2.0 * np.arange(n), radius * 0.97 * np.sqrt((np.arange(n) + 0.5) / n)
-    ray = np.stack([r * np.cos(turn), r * np.sin(turn)], -1)
+    ray = np.stack([r * np.cos(turn), r * np.sin(turn)], -1)[np.argsort(np.arange(n) % FIRST, kind="stable")]
     score = np.empty((z.size, y.size, x.size), np.float32)
     clipped = np.clip(excess, -MOST, MOST).astype(np.float32)
     in_threads(_scores, z.size * y.size, of_points.constants, clipped, x, y, z, ray, score)

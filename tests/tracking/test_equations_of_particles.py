@@ -1,0 +1,83 @@
+"""Normal equations of particles that share pixels, and lists of pixels: against dense matrices in plain NumPy."""
+
+import numpy as np
+import pytest
+from particle_scenes import CAMERA, GAIN, LIMITS, noisy, pixels_of, seeded
+
+from plenopiv.tracking import refine as of_refine
+from plenopiv.tracking.light import PointLights
+from plenopiv.tracking.refine import UNIT_MM, Prior, prior_std_mm, refine
+
+PIXELS = CAMERA.sensor.columns * CAMERA.sensor.rows
+
+
+@pytest.fixture(scope="module")
+def scene():
+    truth = seeded(0.3)
+    lights, light = PointLights(CAMERA)(truth.position_mm), GAIN * truth.electrons
+    rng = np.random.default_rng(2)
+    weight = np.where(rng.random(PIXELS) > 0.1, rng.uniform(0.05, 0.3, PIXELS), 0.0).astype(np.float32)
+    return lights, light, weight, rng.normal(0.0, 1.0, PIXELS).astype(np.float32)
+
+
+def dense(lights, values):
+    """(points, pixels), entry by entry."""
+    out = np.zeros((len(lights.start) - 1, PIXELS))
+    for n in range(len(out)):
+        for e in range(lights.start[n], lights.start[n + 1]):
+            out[n, lights.pixel[e]] += values[e]
+    return out
+
+
+def test_equations_are_those_of_dense_matrices(scene):
+    lights, light, weight, pull = scene
+    columns = [dense(lights, lights.gradient[:, k]) * UNIT_MM[k] for k in range(3)] + [dense(lights, lights.share)]
+    jacobian = np.stack(columns, 1) * light[:, None, None] * weight  # (points, 4, pixels)
+    whole = np.einsum("ipx,jqx->ipjq", jacobian, jacobian, optimize=True).reshape(4 * len(light), -1)
+    normal = of_refine._equations(lights, light, weight)
+    scale = np.sqrt(np.diag(whole))
+    assert normal.toarray() / scale / scale[:, None] == pytest.approx(whole / scale / scale[:, None], abs=1e-5)
+    own, slope = of_refine._own_equations(lights, light, weight, pull)
+    right = np.einsum("ipx,x->ip", jacobian, pull.astype(float))
+    for n in range(len(light)):
+        block = np.zeros((4, 4))
+        for e in range(lights.start[n], lights.start[n + 1]):
+            row = np.append(lights.gradient[e] * UNIT_MM, lights.share[e]) * light[n] * weight[lights.pixel[e]]
+            block += np.outer(row, row)
+        assert own[n] == pytest.approx(block, abs=1e-5 * np.abs(block).max())
+    assert slope / scale.reshape(-1, 4) == pytest.approx(right / scale.reshape(-1, 4), abs=1e-4)
+
+
+def test_lists_of_other_points(scene):
+    lights, light = scene[:2]
+    which = np.array([3, 0, 5])
+    some = lights.of(which)
+    swapped = lights.replaced(np.array([1, 4]), lights.of(np.array([4, 1])))
+    both = some.joined(lights)
+    every = dense(lights, lights.share)
+    order = np.arange(len(light))
+    order[[1, 4]] = 4, 1
+    assert (dense(some, some.share) == every[which]).all()
+    assert (dense(swapped, swapped.gradient[:, 2]) == dense(lights, lights.gradient[:, 2])[order]).all()
+    assert (dense(both, both.share) == every[np.concatenate([which, np.arange(len(light))])]).all()
+    assert lights.image(light, PIXELS) == pytest.approx(light @ every, rel=1e-9)
+
+
+def test_particles_at_rest_stay_and_the_others_come_to_the_same_places():
+    """Refined with rest and without, from the same errors: a few hundredths of a standard deviation apart."""
+    truth = seeded(0.5)
+    pixels = pixels_of(noisy(truth.position_mm, truth.electrons))
+    beyond = np.abs(truth.position_mm[:, 2]) > 0.5
+    start = truth.position_mm + np.random.default_rng(4).normal(0.0, (2e-3, 2e-3, 1e-2), truth.position_mm.shape)
+    of_points, prior = PointLights(CAMERA), Prior(start, prior_std_mm(CAMERA))
+    light = GAIN * truth.electrons
+    every = refine(of_points, pixels, start, light, prior, 8)
+    rested = refine(of_points, pixels, start, light, prior, 8, None, 0.03)
+    variance = np.linalg.inv(every.normal.toarray())
+    std = np.sqrt(np.diag(variance)).reshape(-1, 4)[:, :3] * UNIT_MM
+    inside = (np.abs(start) < np.array(LIMITS)[:, 1]).all(1) & beyond
+    apart = np.abs(rested.position_mm - every.position_mm)[inside] / std[inside]
+    assert np.quantile(apart, 0.95) < 0.1
+    again = refine(of_points, pixels, rested.position_mm, rested.light, prior, 1, rested.lights, 1e3)
+    assert (again.position_mm == rested.position_mm).all()
+    assert (again.light == rested.light).all()
