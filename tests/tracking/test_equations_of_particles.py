@@ -34,10 +34,10 @@ def test_equations_are_those_of_dense_matrices(scene):
     columns = [dense(lights, lights.gradient[:, k]) * UNIT_MM[k] for k in range(3)] + [dense(lights, lights.share)]
     jacobian = np.stack(columns, 1) * light[:, None, None] * weight  # (points, 4, pixels)
     whole = np.einsum("ipx,jqx->ipjq", jacobian, jacobian, optimize=True).reshape(4 * len(light), -1)
-    normal = of_refine._equations(lights, light, weight)
+    normal = of_refine.normal_equations(lights, light, weight)
     scale = np.sqrt(np.diag(whole))
     assert normal.toarray() / scale / scale[:, None] == pytest.approx(whole / scale / scale[:, None], abs=1e-5)
-    own, slope = of_refine._own_equations(lights, light, weight, pull)
+    own, slope = of_refine.own_equations(lights, light, weight, pull)
     right = np.einsum("ipx,x->ip", jacobian, pull.astype(float))
     for n in range(len(light)):
         block = np.zeros((4, 4))

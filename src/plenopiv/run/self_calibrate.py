@@ -89,11 +89,11 @@ def self_calibrate(experiment: Experiment, progress: Progress | None = None) -> 
     blur = diffraction_px(chain.camera, wavelength)
 
     def lights(shift: ViewShift | None) -> PointLights:
-        return PointLights(chain.camera, blur, together(space.left, shift))
+        return PointLights(chain.camera, blur, together(space.left, shift), space.growth)
 
     terms = ray_shifts.visible_terms(chain.camera, seen.position_mm)
     amounts, rms, std, done = np.zeros(terms.visible.shape[1]), 0.0, 0.0, 0
-    position, light = seen.position_mm, fit_light(lights(None), seen.pixels, seen.position_mm, seen.light)
+    position, light = seen.position_mm, fit_light(lights(None)(seen.position_mm), seen.pixels, seen.light)
     prior = Prior(seen.position_mm, prior_std_mm(chain.camera))
     for done in range(1, STEPS + 1):
         of_points = lights(terms.shift(amounts) if amounts.any() else None)
@@ -140,7 +140,7 @@ def _seen(chain: Chain, recording: Recording, number: int, wavelength_nm: float)
 
 def _misfit(of_points: PointLights, seen: Seen) -> float:
     """chi^2 per lit pixel of particles fitted to a frame."""
-    light = fit_light(of_points, seen.pixels, seen.position_mm, seen.light)
+    light = fit_light(of_points(seen.position_mm), seen.pixels, seen.light)
     prior = Prior(seen.position_mm, prior_std_mm(of_points.camera))
     fit = refine(of_points, seen.pixels, seen.position_mm, light, prior, FIRST)
     lit = np.zeros(fit.residual.size, bool)

@@ -137,13 +137,15 @@ def step(
     ``of_points``: with the shift of ``before_um``; ``prior``: of the particles, as for ``tracking.refine.refine``."""
     fit = joint.refine(of_points, pixels, position_mm, light, prior, iterations)
     light, lights = fit.light, fit.lights
-    believed = fit.variance * np.maximum(np.abs(fit.residual) / np.sqrt(fit.variance) / joint.OUTLYING, 1.0)
-    weight = np.where(pixels.usable, 1.0 / believed, 0.0)
+    single, residual = joint.pixel_weights(pixels.usable, fit.residual, fit.variance)
+    weight = single.astype(np.float64) ** 2
     lit, slopes = by_shifts(of_points.camera, terms, fit, weight)
     weighted = slopes * weight[lit][:, None]
     of_shift, pull = slopes.T @ weighted, weighted.T @ fit.residual[lit]
-    normal, slope = joint._equations(lights, pixels.usable, light, fit.residual, believed)
-    own = joint._with_prior(normal, slope, fit.position_mm, prior)
+    _, slope = joint.own_equations(lights, light, single, residual)
+    slope[:, :3] += prior.information * (prior.position_mm - fit.position_mm) / joint.UNIT_MM
+    normal = joint.normal_equations(lights, light, single)
+    own = joint.with_prior(normal, prior)
     coupling = _coupling(fit, weighted, lit, weight.size)
     solve = _solver(normal, own)
     per_shift = np.stack([solve(column) for column in coupling.T], 1)

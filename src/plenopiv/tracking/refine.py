@@ -92,8 +92,8 @@ def refine(
     lights = of_points(position) if lights is None else lights
     for _ in range(iterations):
         residual, variance = _residual(lights, pixels, light)
-        weight, pull = _weights(pixels.usable, residual, variance)
-        own, slope = _own_equations(lights, light, weight, pull)
+        weight, pull = pixel_weights(pixels.usable, residual, variance)
+        own, slope = own_equations(lights, light, weight, pull)
         slope[:, :3] += prior.information * (prior.position_mm - position) / UNIT_MM
         known = own + np.diag([*prior.information, 0.0]) + LEAST_KNOWN * np.eye(4)
         gain = np.einsum("ni,ni->n", slope, np.linalg.solve(known, slope[:, :, None])[:, :, 0])
@@ -101,16 +101,16 @@ def refine(
         if len(which) == 0:
             break
         some = lights if len(which) == len(light) else lights.of(which)
-        normal = _equations(some, light[which], weight)
-        step = _solved(normal, _with_prior(normal, prior), slope[which])
+        normal = normal_equations(some, light[which], weight)
+        step = _solved(normal, with_prior(normal, prior), slope[which])
         position[which] += UNIT_MM * np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
         least = LEAST_LIGHT * float(np.median(light))
         light[which] = np.maximum(light[which] * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
         lights = lights.replaced(which, of_points(position[which]))
     residual, variance = _residual(lights, pixels, light)
-    weight, pull = _weights(pixels.usable, residual, variance)
-    normal = _equations(lights, light, weight)
-    _with_prior(normal, prior)
+    weight, pull = pixel_weights(pixels.usable, residual, variance)
+    normal = normal_equations(lights, light, weight)
+    with_prior(normal, prior)
     return Fit(position, light, normal, lights, residual, variance)
 
 
@@ -139,7 +139,7 @@ def _residual(lights: Lights, pixels: Pixels, light: Array) -> tuple[Array, Arra
     return np.where(pixels.usable, pixels.counts - pixels.background - expected, 0.0), pixels.variance(expected)
 
 
-def _weights(usable: NDArray[np.bool_], residual: Array, variance: Array) -> tuple[Single, Single]:
+def pixel_weights(usable: NDArray[np.bool_], residual: Array, variance: Array) -> tuple[Single, Single]:
     """Of each pixel one over the standard deviation that it counts with, 0 where it cannot be used, and the residual in
     such standard deviations."""
     std = np.sqrt(variance)
@@ -148,7 +148,7 @@ def _weights(usable: NDArray[np.bool_], residual: Array, variance: Array) -> tup
     return weight.astype(np.float32), (weight * residual).astype(np.float32)
 
 
-def _own_equations(lights: Lights, light: Array, weight: Single, pull: Single) -> tuple[Array, Array]:
+def own_equations(lights: Lights, light: Array, weight: Single, pull: Single) -> tuple[Array, Array]:
     """Each particle's own block (n, 4, 4) of the normal equations, pixels that two of its microlenses light taken as
     two, and the right side (n, 4)."""
     own, slope = np.empty((len(light), 4, 4)), np.empty((len(light), 4))
@@ -157,7 +157,7 @@ def _own_equations(lights: Lights, light: Array, weight: Single, pull: Single) -
     return own, slope
 
 
-def _equations(lights: Lights, light: Array, weight: Single) -> bsr_array:
+def normal_equations(lights: Lights, light: Array, weight: Single) -> bsr_array:
     """The normal equations (4n, 4n) of particles, in blocks."""
     n, m = len(light), len(lights.pixel)
     pixel_end = np.zeros(len(weight), np.int64)
@@ -182,7 +182,7 @@ def _diagonal(normal: bsr_array) -> NDArray[np.int64]:
     return np.flatnonzero(row == normal.indices)
 
 
-def _with_prior(normal: bsr_array, prior: Prior) -> Array:
+def with_prior(normal: bsr_array, prior: Prior) -> Array:
     """Add the prior's information to the equations, in place; the particles' own blocks (n, 4, 4)."""
     own = _diagonal(normal)
     for axis in range(3):
