@@ -54,7 +54,7 @@ def along_a_line(settings, wavelength):
     return np.linalg.lstsq(np.cos(2 * np.pi / wavelength * (x - (total - 1) / 2))[inside, None], found[inside])[0][0]
 
 
-@pytest.mark.parametrize("settings", [DEFAULT, SINGLE, replace(DEFAULT, inner_overlap=0.6, filter_predictor=False)])
+@pytest.mark.parametrize("settings", [DEFAULT, SINGLE, replace(DEFAULT, inner_overlap=0.5, filter_predictor=False)])
 @pytest.mark.parametrize("windows", [1.5, 2.0, 3.0, 4.0])
 def test_response_is_that_of_the_passes_written_out(settings, windows):
     assert response(settings, 0, 64 * windows) == pytest.approx(along_a_line(settings, 64 * windows), abs=0.025)
@@ -64,7 +64,7 @@ def test_response_is_that_of_the_passes_written_out(settings, windows):
     "settings",
     [
         DEFAULT,
-        replace(DEFAULT, inner_overlap=0.6),
+        replace(DEFAULT, inner_overlap=0.5),
         replace(DEFAULT, inner_window=(40, 40, 10)),
         CorrelationSettings(windows=((48, 32, 16),)),
     ],

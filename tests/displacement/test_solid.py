@@ -48,7 +48,7 @@ def test_larger_windows_need_the_room_of_half_a_last_one():
 
 def test_blocks_are_an_eighth_of_the_smallest_window():
     assert block_of(SETTINGS) == (1, 2, 2)
-    assert block_of(CorrelationSettings()) == (2, 6, 6)
+    assert block_of(CorrelationSettings()) == (1, 6, 6)
 
 
 @pytest.fixture(scope="module")

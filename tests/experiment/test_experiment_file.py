@@ -273,7 +273,7 @@ def test_images_of_a_target_are_the_same_elsewhere(tmp_path):
 def test_the_resolved_file_is_the_same_experiment_elsewhere(tmp_path):
     experiment = Experiment.from_dict(tomllib.loads(TEXT), tmp_path / "run7" / "experiment.toml")
     same = Experiment.from_dict(tomllib.loads(experiment.dump_toml()))
-    assert same.correlation.inner_window == experiment.correlation.settings().sub_window == (48, 48, 16)
+    assert same.correlation.inner_window == experiment.correlation.settings().sub_window == (48, 48, 12)
     assert same.correlation.settings().passes == experiment.correlation.settings().passes
     assert same.model_dump(exclude={"correlation"}) == experiment.model_dump(exclude={"correlation"})
     results = tmp_path / "run7" / "results"
@@ -303,7 +303,7 @@ def test_correlation_settings_carry_the_keys():
 
 
 @pytest.mark.parametrize(
-    ("inner", "finest"), [([40, 40, 10], ((40, 40, 10), 0.5)), ([64, 64, 16], ((64, 64, 16), 0.5))]
+    ("inner", "finest"), [([40, 40, 10], ((40, 40, 10), 0.6)), ([64, 64, 16], ((64, 64, 16), 0.5))]
 )
 def test_an_inner_window_is_kept_in_what_is_written_back(inner, finest):
     tables = changed("correlation.inner_window", inner)

@@ -87,7 +87,7 @@ def test_correlation_of_neighbours_is_that_of_windows_which_overlap():
     assert ((half[:, 1] > 0.4) & (half[:, 1] < 0.55)).all()
     assert np.abs(half[:, 2]).max() < 0.1
     sub_windows = neighbour_correlation(CorrelationSettings())
-    np.testing.assert_allclose(sub_windows[0], [1.0, 0.56, 0.06], atol=0.01)
+    np.testing.assert_allclose(sub_windows[0], [1.0, 0.575, 0.077], atol=0.01)
     assert (sub_windows[:, 1] > half[:, 1]).all()
 
 

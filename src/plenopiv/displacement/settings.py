@@ -13,7 +13,6 @@ Sides = tuple[float, float, float]
 
 SMALLEST = 8  # voxels of a window along an axis
 SUB_WINDOW = 0.75  # default side of a sub-window, as a fraction of the last window's
-DEEP = 16  # voxels in depth that a default sub-window has where the window has them: particles are up to 12 long
 
 
 class Pass(NamedTuple):
@@ -29,8 +28,8 @@ class CorrelationSettings:
 
     ``windows``: interrogation windows, coarse to fine. ``overlap``: of neighbouring windows, as a fraction of a window.
     ``inner_window``: sub-windows, smaller than the last of ``windows``; a vector of that window is the mean of the
-    sub-windows' vectors over most of it (``displacement.resolution``). None: 0.75 of the last of ``windows``, at least
-    8 voxels, in depth at least 16 or all of it. As large as the last of ``windows``: no sub-windows.
+    sub-windows' vectors over most of it (``displacement.resolution``). None: 0.75 of the last of ``windows``, 8 voxels
+    at least. As large as the last of ``windows``: no sub-windows.
     ``inner_overlap``: of sub-windows.
     ``coarse_passes``, ``fine_passes``: passes with each coarse window size and with the finest one. All but the very
     first pass deform the volumes by the displacement known so far.
@@ -57,7 +56,7 @@ class CorrelationSettings:
     windows: tuple[Size, ...] = ((128, 128, 32), (64, 64, 16))
     overlap: float = 0.5
     inner_window: Size | None = None
-    inner_overlap: float = 0.5
+    inner_overlap: float = 0.6
     coarse_passes: int = 1
     fine_passes: int = 2
     smoothing_voxels: float | Sides = (1.0, 1.0, 0.8)
@@ -75,8 +74,7 @@ class CorrelationSettings:
     def sub_window(self) -> Size | None:
         """Sides of the sub-windows along x, y, z in voxels; None without sub-window averaging."""
         last = self.windows[-1]
-        least = SMALLEST, SMALLEST, min(DEEP, last[2])
-        size = self.inner_window or tuple(max(k, round(SUB_WINDOW * n)) for k, n in zip(least, last, strict=True))
+        size = self.inner_window or tuple(max(SMALLEST, round(SUB_WINDOW * n)) for n in last)
         return None if size == last else size  # type: ignore[return-value]
 
     @property
