@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from plenopiv.cameras.space_map import Polynomial, SpaceMap, powers
+from plenopiv.cameras.space_map import Polynomial, SpaceMap, ViewShift, powers
 from plenopiv.errors import PlenoPIVError
 
 N, AIR = 1.333, 88.0  # water, and the way in air and its like from the stop to the focal plane
@@ -81,3 +81,15 @@ def test_the_box_of_lens_space_holds_that_of_the_laboratory(found):
 
 def test_it_pickles(found):
     assert pickle.loads(pickle.dumps(found)) == found
+
+
+def test_shifts_of_two_degrees_and_units_add_up():
+    rng = np.random.default_rng(3)
+    terms = {degree: sum(sum(p) <= degree for p in np.ndindex(*(degree + 1,) * 4)) for degree in (1, 3)}
+    one, other = (
+        ViewShift(u_mm, s_mm, degree, tuple(map(tuple, rng.normal(size=(terms[degree], 2)))))
+        for degree, u_mm, s_mm in ((1, 12.0, 3.0), (3, 10.0, 4.0))
+    )
+    u, s = rng.uniform(-9, 9, (20, 2)), rng.uniform(-3, 3, (20, 2))
+    np.testing.assert_allclose(one.plus(other)(u, s), one(u, s) + other(u, s), rtol=1e-9)
+    np.testing.assert_allclose(other.plus(one)(u, s), one(u, s) + other(u, s), rtol=1e-9)

@@ -96,3 +96,14 @@ def test_geometry_of_a_hexagonal_lattice():
     turned = Lattice("hexagonal", 2.0, pi / 2, (10.0, 20.0))
     assert turned.centres(1, 0) == pytest.approx((10.0, 22.0))
     assert Lattice("square", 2.0, pi / 2, (10.0, 20.0)).centres(0, 1) == pytest.approx((8.0, 20.0))
+
+
+def test_an_uneven_array_that_has_moved_has_its_centres_moved():
+    bent = LatticeMap(2, 3.0, ((0.004, 0.001), (-0.002, 0.003), (0.005, 0.0), (0.0, -0.004), (0.002, 0.001)))
+    lattice = Lattice("hexagonal", 0.077, 0.01, (0.02, -0.01), bent)
+    j, i = np.mgrid[-20:21, -20:21]
+    now = lattice.moved((0.03, -0.05), 0.004, 0.002)
+    s, t = lattice.centres(i, j)
+    moved = 1.002 * np.exp(0.004j) * (s + 1j * t) + (0.03 - 0.05j)
+    s, t = now.centres(i, j)
+    np.testing.assert_allclose(s + 1j * t, moved, atol=1e-5)
