@@ -125,16 +125,7 @@ def _seen(chain: Chain, recording: Recording, number: int, wavelength_nm: float)
     image, static = recording.light(number)
     behind = None if static is None else [static]
     made = chain.reconstruct([image], recording.frames[number].name, static=behind)
-    sensor = chain.camera.sensor
-    pixels = Pixels.of_image(
-        image,
-        sensor.black_level,
-        sensor.full_scale,
-        made.noise.dark,
-        chain.counts_per_electron,
-        tracker.unusable,
-        static,
-    )
+    pixels = tracker.pixels(image, made.noise.dark, static)
     return Seen(pixels, *peaks(made.volume))
 
 

@@ -60,6 +60,12 @@ class FrameTracker:
             return clipped if of_chain is None else of_chain
         return np.asarray(of_chain | clipped)
 
+    def pixels(self, image: NDArray, dark: float, static: NDArray | None) -> Pixels:
+        """The pixels of an upright image (rows, columns) in counts. ``dark``: standard deviation of a dark pixel;
+        ``static``: counts of static light that were taken off."""
+        sensor, noise = self.chain.camera.sensor, self.chain.counts_per_electron
+        return Pixels.of_image(image, sensor.black_level, sensor.full_scale, dark, noise, self.unusable, static)
+
     def frame(self, number: int, report: Progress) -> TrackedFrame:
         """Frame ``number``, from 0.
 
@@ -71,10 +77,7 @@ class FrameTracker:
         image, static = self.recording.light(number)
         behind = None if static is None else [static]
         made = chain.reconstruct([image], source.name, partial(report, f"reconstruction of {source.name}"), behind)
-        sensor, noise = chain.camera.sensor, chain.counts_per_electron
-        pixels = Pixels.of_image(
-            image, sensor.black_level, sensor.full_scale, made.noise.dark, noise, self.unusable, static
-        )
+        pixels = self.pixels(image, made.noise.dark, static)
         stage = partial(report, f"particles of {source.name}")
         guess = peaks(made.volume)
         particles = particles_of_frame(self.of_points, pixels, *guess, around(chain.lens_grid), stage)
