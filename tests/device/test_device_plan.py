@@ -46,7 +46,8 @@ def test_batches_take_no_more_than_is_planned():
     windows = WindowPass(window_grid(shape, WINDOW, 0.5), None, SETTINGS, 0.25, shape)
     how, planes = How.of(windows, scatter=True), floats(20, 80, 90)
     filters = tuple(map(floats, how.around))
-    arguments = planes, planes, whole_numbers(batch, 2), floats(batch, 3, 2), floats(batch, WINDOW[2]), filters, how
+    about = whole_numbers(batch, 2), floats(batch, 3, 2), floats(batch, WINDOW[2]), filters, floats(3, 34)
+    arguments = planes, planes, *about, how
     planned = batch_bytes(batch * int(np.prod(how.around)))
     assert 0.3 * planned < temporary(correlated, *arguments) < planned
     slab, places = floats(30, 80, 90), whole_numbers(batch, 3)

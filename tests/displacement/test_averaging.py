@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from plenopiv.displacement.correlation import fade
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.noise_amplification import noise_amplification
+from plenopiv.displacement.overlap import fade
 from plenopiv.displacement.resolution import averaged_share
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.sub_windows import average_sub_windows, mean_weights

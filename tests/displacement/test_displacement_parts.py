@@ -6,8 +6,9 @@ from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
 from plenopiv.displacement import validation
 from plenopiv.displacement.agreement import agreement
-from plenopiv.displacement.correlation import WindowCorrelator, fade
+from plenopiv.displacement.correlation import WindowCorrelator
 from plenopiv.displacement.deformation import DeformedPlanes
+from plenopiv.displacement.overlap import PLAIN, fade
 from plenopiv.displacement.peaks import find_peaks, gaussian_offset, untilted
 from plenopiv.displacement.predictor import fit_spline, smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
@@ -200,9 +201,10 @@ def test_no_bias_toward_zero():
 
 
 def peaks_of(correlation, gain, displacement, ratio, found):
-    """``find_peaks`` with room for where and how slanted peaks are, which it returns."""
-    place, untilt = np.empty((len(found), 3), np.int64), np.empty((len(found), 3, 3))
-    find_peaks(correlation, gain, displacement, ratio, found, place, untilt)
+    """``find_peaks``, the gain as it is, with room for where and how slanted peaks are, which it returns."""
+    place, untilt, power = np.empty((len(found), 3), np.int64), np.empty((len(found), 3, 3)), np.empty((len(found), 3))
+    find_peaks(correlation, gain, displacement, ratio, found, place, untilt, np.ones((3, PLAIN + 2)), power)
+    assert (power == 1).all()
     return place, untilt
 
 

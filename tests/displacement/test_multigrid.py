@@ -26,7 +26,8 @@ def at_centres(flow, field):
 
 @pytest.mark.parametrize("component", [0, 1, 2])
 def test_sign_of_each_axis(component):
-    """One blob that moves to larger x, y or z gives a positive dx, dy or dz, and nothing else."""
+    """One blob that moves to larger x, y or z gives a positive dx, dy or dz, and nothing else. No end of the window
+    cuts it, so that the correction for overlap goes too far and passes close in on the displacement from both sides."""
     k = np.arange(32.0)
     volumes = []
     for side in (-1.5, 1.5):
@@ -37,7 +38,7 @@ def test_sign_of_each_axis(component):
     expected[component] = 3
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        field = measure(*volumes, CUBES)
+        field = measure(*volumes, replace(CUBES, fine_passes=8))
     np.testing.assert_allclose(field.displacement[:, 0, 0, 0], expected, atol=0.02)
     assert (field.z[0], field.y[0], field.x[0]) == (15.5, 15.5, 15.5)
     assert field.valid.all()

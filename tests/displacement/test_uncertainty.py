@@ -59,7 +59,8 @@ def test_variance_is_the_jackknife_of_the_peak_fit(part):
     cuts[1, 2] = 3.0, 1.2
     spectra = correlator.spectra(WindowBatch.of(a), WindowBatch.of(b), cuts)
     slanted = np.array([[1.3, 0.2, -0.4], [0.1, 1.1, 0.0], [-0.5, 0.3, 1.7]])
-    got = correlator.variance(spectra, np.array([[1, 2, 0]] * 2), np.array([slanted] * 2), part)
+    power = np.array([1.4, 0.7, 2.1])
+    got = correlator.variance(spectra, np.array([[1, 2, 0]] * 2), np.array([slanted] * 2), np.array([power] * 2), part)
     fa, fb = np.moveaxis(correlator.filtered(spectra), 1, 0)[..., : SIZE[1], : SIZE[2]].astype(float)
     blocks = [max(1, min(4, n // thinnest)) for n, thinnest in zip(SIZE, (12, 4, 4), strict=True)]
     edges = [np.arange(n) * count // n for n, count in zip(SIZE, blocks, strict=True)]
@@ -71,6 +72,7 @@ def test_variance_is_the_jackknife_of_the_peak_fit(part):
             moved = np.roll(fb[w], -shift, (0, 1, 2))
             pairs = [np.roll(fa[w], -step, (0, 1, 2)) * moved, fa[w] * moved, fa[w] * np.roll(moved, -step, (0, 1, 2))]
             gains = [spectra.gain[w][tuple(np.array([3, 4, 3]) + shift + s * step)] for s in (-1, 0, 1)]
+            gains = [(gain / gains[1]) ** power[component] for gain in gains]
             for number, block in enumerate(np.ndindex(*blocks)):
                 kept = np.ones(SIZE)
                 kept[np.ix_(*(e == n for e, n in zip(edges, block, strict=True)))] = 1 - part

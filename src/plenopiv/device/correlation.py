@@ -24,6 +24,7 @@ from plenopiv.displacement import multigrid
 from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.multigrid import Progress
+from plenopiv.displacement.overlap import PLAIN
 from plenopiv.displacement.peaks import find_peaks
 from plenopiv.displacement.predictor import SplineField
 from plenopiv.displacement.settings import CorrelationSettings
@@ -33,7 +34,8 @@ from plenopiv.displacement.window_pass import PassResult, PassVectors, StepDone,
 from plenopiv.displacement.windows import WindowGrid
 from plenopiv.volume import Volume
 
-_ALONE = np.ones((1, 3, 3, 3), np.float32)  # gain of a peak's neighbourhood, which is corrected already
+# gain of a peak's neighbourhood, which is corrected already, and its power
+_ALONE, _AS_IT_IS = np.ones((1, 3, 3, 3), np.float32), np.ones((3, PLAIN + 2))
 
 
 def measure(
@@ -89,12 +91,14 @@ class DevicePair:
             Deformed(planes, predictor, share, depth, step)
             for planes, share in zip(self.both, (-0.5, 0.5), strict=True)
         )
-        filters = tuple(jnp.asarray(each) for each in batches.correlator.filters)
+        correlator = batches.correlator
+        filters = tuple(jnp.asarray(each) for each in correlator.filters)
+        powers = jnp.asarray(correlator.powers, jnp.float32)
         take = partial(_take, vectors=vectors, spread=spread, part=part_left_out(settings))
         waiting = dict[int, list[Found]]()
         for layer, start in enumerate(windows.starts[0].tolist()):
             planes = a.layer(start), b.layer(start)
-            waiting[layer] = self.layer(batches, layer, planes, filters, how)
+            waiting[layer] = self.layer(batches, layer, planes, filters, powers, how)
             if layer:  # while the device computes this layer
                 take(waiting.pop(layer - 1), layer - 1)
                 if step_done is not None:
@@ -110,12 +114,13 @@ class DevicePair:
         layer: int,
         planes: tuple[jax.Array, jax.Array],
         filters: tuple[jax.Array, ...],
+        powers: jax.Array,
         how: How,
     ) -> list[Found]:
         """The windows of a layer, cut out of its ``planes`` of both volumes."""
         batch = self._plan.batch(how.around, batches.count)
         parts = _parts(batches.count, batch)
-        return [correlated(*planes, *_of_batch(batches, layer, part, batch), filters, how) for part in parts]
+        return [correlated(*planes, *_of_batch(batches, layer, part, batch), filters, powers, how) for part in parts]
 
 
 def _parts(count: int, batch: int) -> Iterator[NDArray[np.int64]]:
@@ -141,8 +146,8 @@ def _take(found: list[Found], layer: int, vectors: PassVectors, spread: NDArray[
         parts = [getattr(each, name) for each in found]
         whole[name] = None if parts[0] is None else np.concatenate([np.asarray(each) for each in parts])[:count]
     moved, ratio, fitted = np.zeros((count, 3)), np.zeros(count, np.float32), np.zeros(count, bool)
-    place, untilt = np.zeros((count, 3), np.int64), np.zeros((count, 3, 3))
-    find_peaks(whole["near"], _ALONE, moved, ratio, fitted, place, untilt)  # of one voxel: the middle
+    place, untilt, power = np.zeros((count, 3), np.int64), np.zeros((count, 3, 3)), np.ones((count, 3))
+    find_peaks(whole["near"], _ALONE, moved, ratio, fitted, place, untilt, _AS_IT_IS, power)  # of one voxel: the middle
     vectors.found[layer], vectors.ratio[layer] = whole["found"], whole["ratio"]
     vectors.moved[layer] = np.where(whole["lit"][:, None], moved + whole["place"], 0.0)
     if whole["sums"] is not None:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.device.correlation_agreement import agreement
+from plenopiv.displacement.overlap import PLAIN
 from plenopiv.displacement.peaks import PEAK_RADIUS
 from plenopiv.displacement.window_pass import WindowPass
 
@@ -71,11 +72,12 @@ def correlated(
     cuts: jax.Array,
     depth: jax.Array,
     filters: tuple[jax.Array, ...],
+    powers: jax.Array,
     how: How,
 ) -> Found:
     """Correlate the windows of ``a`` and ``b`` (planes of a layer) whose first rows and columns are ``corners``
     (batch, 2). ``cuts`` (batch, 3, 2), ``depth`` (batch, nz): as for ``WindowCorrelator.spectra``; ``filters``: its
-    factors of the cross spectrum along z, y, x."""
+    factors of the cross spectrum along z, y, x; ``powers``: of the gain (``WindowCorrelator.powers``)."""
     one, two = (windows_at(planes, corners, how.size) for planes in (a, b))
     fades, overlap = fades_and_overlap(cuts, how)
     first, second, lit = spectra(one, two, [fades[0] * depth, *fades[1:]], how)
@@ -83,7 +85,7 @@ def correlated(
     factor = whitened(cross, filters, how)
     near_zero = cropped(jnp.fft.irfftn(cross * factor, how.around, (1, 2, 3)), how.radius)
     gains = [1.0 / share for share in overlap]
-    found, ratio, place, near, gain = peaks(near_zero, gains)
+    found, ratio, place, near, gain = peaks(near_zero, gains, powers)
     sums = None
     if how.blocks is not None:
         root = jnp.sqrt(factor)
@@ -151,9 +153,9 @@ def cropped(correlation: jax.Array, radius: tuple[int, int, int]) -> jax.Array:
     return correlation
 
 
-def peaks(c: jax.Array, gains: list[jax.Array]) -> tuple[jax.Array, ...]:
+def peaks(c: jax.Array, gains: list[jax.Array], powers: jax.Array) -> tuple[jax.Array, ...]:
     """``found``, ``ratio``, ``place`` and ``near`` of correlations (batch, nz, ny, nx), as ``peaks.find_peaks``
-    searches them; and the gain in the same 3 x 3 x 3 voxels."""
+    searches them; and the gain in the same 3 x 3 x 3 voxels, raised to its powers."""
     count, sizes = len(c), c.shape[1:]
     inner = c[:, 1:-1, 1:-1, 1:-1]
     highest = jnp.argmax(inner.reshape(count, -1), axis=1)
@@ -168,12 +170,34 @@ def peaks(c: jax.Array, gains: list[jax.Array]) -> tuple[jax.Array, ...]:
     around = patches(c, at).reshape(count, -1)[:, FACES]
     found = (best > 0) & (best[:, None] >= around).all(1)
     ratio = jnp.where(best > 0, best / jnp.maximum(second, jnp.maximum(1e-3 * best, 1e-37)), 0.0)
+    gains = raised(patches(c, at), gains, powers)
     at = _nearest_top(c, gains, at)
     gain = _gain(gains, at)
     place = jnp.stack([index - n // 2 for index, n in zip(at[::-1], sizes[::-1], strict=True)], -1)
     none = best <= 0
     near = jnp.where(none[:, None, None, None], 0.0, patches(c, at) * gain)
     return found, ratio, jnp.where(none[:, None], 0, place), near, gain
+
+
+def raised(near: jax.Array, gains: list[jax.Array], powers: jax.Array) -> list[jax.Array]:
+    """``peaks.raise_gain``: gains along z, y, x by the curvatures of ``near`` (batch, 3, 3, 3) about peaks."""
+    flat, out = near.reshape(len(near), 27), []
+    for axis, gain in enumerate(gains):
+        left, middle, right = (flat[:, k] for k in (FACES[2 * axis], MIDDLE, FACES[2 * axis + 1]))
+        least = jnp.minimum(jnp.minimum(left, middle), right)
+        logs = (jnp.log(jnp.where(least > 0, each, 1.0)) for each in (left, middle, right))
+        left, middle, right = (
+            jnp.where(least > 0, log, each) for log, each in zip(logs, (left, middle, right), strict=True)
+        )
+        bend = 2 * middle - left - right
+        row = powers[2 - axis]
+        knots = row.size - PLAIN
+        at = jnp.where(bend > 0, (1 / jnp.where(bend > 0, bend, 1.0) - row[0]) * row[1], knots)
+        at = jnp.clip(at, 0, knots - 1)
+        below = jnp.minimum(at.astype(jnp.int32), knots - 2)
+        low, high = row[PLAIN + below], row[PLAIN + below + 1]
+        out.append(gain ** (low + (at - below) * (high - low))[:, None])
+    return out
 
 
 def patches(c: jax.Array, at: list[jax.Array]) -> jax.Array:

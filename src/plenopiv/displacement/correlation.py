@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.displacement.overlap import fade, overlap, powers
 from plenopiv.displacement.spectra import correlate, transform_windows
 from plenopiv.displacement.transforms import fast_length, lines, rounded_up
 from plenopiv.displacement.windows import WindowBatch
@@ -37,9 +38,9 @@ class WindowCorrelator:
 
     the first sum taken circularly, by Fourier transforms. Of the pairs of voxels along each axis only the fraction C(d)
     overlaps (1 - |d|/n for w = 1); the others wrap around to unrelated particles, whose mean contribution is zero.
-    Without the division all peaks are biased toward zero, by 0.07 voxel for windows of 32^3. The division also raises
-    chance peaks at large d. So the highest peak is searched without it, and its position fitted with it
-    (``find_peaks``).
+    Without the division all peaks are biased toward zero, by 0.07 voxel for windows of 32^3. After whitening and
+    smoothing it is a power of C that corrects them (``overlap``). The division also raises chance peaks at large d. So
+    the highest peak is searched without it, and its position fitted with it (``find_peaks``).
 
     w is one inside and falls to zero as sin^2 over the outermost ``taper`` voxels. Without the taper, particles cut by
     the border put the same edge in both windows and bias the peak toward zero, the more the wider they are. Where
@@ -50,7 +51,8 @@ class WindowCorrelator:
     is divided by |S|^whitening. 0 is plain correlation, 1 keeps the phase alone; between them (symmetric phase-only
     filtering, Wernet 2005) particle images that are long in depth give narrow peaks, which chance overlaps shift less.
 
-    ``around``: period of the transforms; ``filters``: the Gaussian's factors, both along z, y, x.
+    ``around``: period of the transforms; ``filters``: the Gaussian's factors, both along z, y, x; ``powers`` (3,
+    knots): of the gain along x, y, z (``overlap.powers``).
     """
 
     def __init__(
@@ -67,6 +69,8 @@ class WindowCorrelator:
         self._high, self._wide = (rounded_up(n) for n in self.around[1:])
         waves = [2 * np.pi * np.fft.fftfreq(n) for n in self.around]
         self.filters = tuple(np.exp(-v * k**2).astype(np.float32) for v, k in zip(variance, waves, strict=True))
+        about = zip(size[::-1], self.around[::-1], variance[::-1], strict=True)
+        self.powers = np.stack([powers(n, around, taper, v, whitening) for n, around, v in about])
         self._shifts = [np.arange(-r - 1, r + 2) for r in search]
         self._radius = search
         turn = waves[0][: self.around[0] // 2 + 1] * self._shifts[0][:, None]
@@ -120,18 +124,9 @@ class WindowCorrelator:
     def _fades_and_gain(self, cuts: NDArray[np.float64]) -> tuple[NDArray[np.float32], ...]:
         """The factors of w along z, y and x of a window shorter by ``cuts`` (3, 2), and 1 / prod C (2 rz + 3, ...)."""
         fades = [fade(n, self.taper, *cut) for n, cut in zip(self.size, cuts, strict=True)]
-        z, y, x = (
-            np.correlate(w, w, "full")[w.size - 1 + d] / (w @ w) for w, d in zip(fades, self._shifts, strict=True)
-        )
+        z, y, x = (overlap(w)[w.size - 1 + d] for w, d in zip(fades, self._shifts, strict=True))
         shared = z[:, None, None] * y[:, None] * x
         return *(f.astype(np.float32) for f in fades), (1 / shared).astype(np.float32)
-
-
-def fade(n: int, taper: float, low: float = 0.0, high: float = 0.0) -> NDArray[np.float64]:
-    """One inside, sin^2 over the outermost ``taper`` voxels of ``n``, zero over the first ``low`` and last ``high``."""
-    centre = np.arange(n) + 0.5
-    edge = np.minimum(centre - low, n - high - centre)
-    return np.sin(np.pi / 2 * np.clip(edge / taper, 0.0, 1.0)) ** 2 if taper > 0 else (edge > 0).astype(float)
 
 
 def _times_seen(n: int) -> NDArray[np.float64]:

@@ -49,6 +49,7 @@ from plenopiv.displacement.solid import Solid
 from plenopiv.displacement.uncertainty import (
     add_left_out,
     around_peaks,
+    gain_around,
     jackknife_variance,
     part_left_out,
     variance_of,
@@ -190,9 +191,10 @@ class SummedPairs:
 
         def find(layer: int, part: slice) -> None:
             here, gain = (layer - layers.start, part), batches.gain(layer, part)
-            place, untilt = vectors.fit(layer, part, planes[here], gain, lit[here])
-            peaks.place[here], peaks.untilt[here] = place, untilt
-            peaks.total[here] = around_peaks(planes[here], place) * around_peaks(gain, place)
+            powers = batches.correlator.powers
+            place, untilt, power = vectors.fit(layer, part, planes[here], gain, lit[here], powers)
+            peaks.place[here], peaks.untilt[here], peaks.power[here] = place, untilt, power
+            peaks.total[here] = around_peaks(planes[here], place) * gain_around(gain, place, power)
 
         with ThreadPoolExecutor(numba.get_num_threads()) as pool:
             list(pool.map(lambda job: find(*job), [(layer, part) for layer in layers for part in batches.batches]))
@@ -208,7 +210,7 @@ class SummedPairs:
 
         def add(layer: int, part: slice, spectra: Spectra) -> None:
             here = layer - layers.start, part
-            own = correlator.contributions(spectra, peaks.place[here])
+            own = correlator.contributions(spectra, peaks.place[here], peaks.power[here])
             own[~spectra.lit] = 0.0
             sums[here] += own
             about = peaks.total[here], peaks.untilt[here], self._part
@@ -228,12 +230,13 @@ class SummedPairs:
 
 
 class Peaks:
-    """Where the peaks of ``layers`` of ``count`` windows are: ``place`` and ``untilt`` as of ``find_peaks``, ``total``
-    the normalised correlation ``around_peaks``."""
+    """Where the peaks of ``layers`` of ``count`` windows are: ``place``, ``untilt`` and ``power`` as of
+    ``find_peaks``, ``total`` the normalised correlation ``around_peaks``."""
 
     def __init__(self, layers: int, count: int) -> None:
         self.place = np.zeros((layers, count, 3), np.int64)
         self.untilt = np.zeros((layers, count, 3, 3))
+        self.power = np.ones((layers, count, 3))
         self.total = np.zeros((layers, count, 7))
 
 

@@ -104,9 +104,10 @@ def correlation_pass(
 
     def work(layer: int, part: slice, spectra: Spectra) -> None:
         correlation = batches.correlator.correlation(spectra)
-        place, untilt = vectors.fit(layer, part, correlation, spectra.gain, spectra.lit)
+        powers = batches.correlator.powers
+        place, untilt, power = vectors.fit(layer, part, correlation, spectra.gain, spectra.lit, powers)
         if scatter:
-            spread[layer, part] = batches.correlator.variance(spectra, place, untilt, left_out)
+            spread[layer, part] = batches.correlator.variance(spectra, place, untilt, power, left_out)
 
     batches.each_batch(a, b, work, step_done=step_done)
     return vectors.result(predictor, spread if scatter else None)

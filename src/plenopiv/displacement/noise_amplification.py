@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.displacement.correlation import fade
+from plenopiv.displacement.overlap import fade
 from plenopiv.displacement.predictor import smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.sub_windows import Weights

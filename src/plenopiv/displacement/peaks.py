@@ -7,6 +7,7 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.displacement.overlap import PLAIN
 from plenopiv.kernels import kernel, part
 
 LEAST = 0.02  # determinant of a peak's curvatures over the product of those along the axes
@@ -99,6 +100,8 @@ def find_peaks(
     found: NDArray[np.bool_],
     place: NDArray[np.int64],
     untilt: NDArray[np.float64],
+    powers: NDArray[np.float64],
+    power: NDArray[np.float64],
 ) -> None:
     """Peaks of a batch of correlations: searched without ``gain``, their positions fitted with it.
 
@@ -109,9 +112,12 @@ def find_peaks(
     dx, dy, dz in voxels, ``peak_ratio`` (batch,), highest over second highest correlation, and ``found`` (batch,):
     False when there is no positive maximum within the search radius, or only a slope to its edge. ``place`` (batch, 3):
     dx, dy, dz of the voxel about which the peak was fitted; ``untilt`` (batch, 3, 3): see ``untilted``.
+    The gain along each axis is raised to a power by the peak's curvature there: ``powers`` (3, knots), x y z, of
+    ``overlap.powers``, writes ``power`` (batch, 3).
     """
     count, nz, ny, nx = correlation.shape
     r = np.empty((3, 3, 3), correlation.dtype)
+    raised = np.ones((3, max(nz, max(ny, nx))), gain.dtype)
     for n in range(count):
         c, g = correlation[n], gain[n if gain.shape[0] > 1 else 0]
         best, pz, py, px = np.float32(0.0), np.int64(-1), np.int64(0), np.int64(0)
@@ -125,7 +131,7 @@ def find_peaks(
             peak_ratio[n] = 0.0
             found[n] = False
             for axis in range(3):
-                displacement[n, axis], place[n, axis] = 0.0, 0
+                displacement[n, axis], place[n, axis], power[n, axis] = 0.0, 0, 1.0
                 untilt[n, axis, 0] = untilt[n, axis, 1] = untilt[n, axis, 2] = 0.0
             continue
         second = np.float32(0.0)
@@ -141,13 +147,14 @@ def find_peaks(
         for axis in range(3):
             for side in (-1, 1):
                 found[n] &= best >= c[pz + side * (axis == 0), py + side * (axis == 1), px + side * (axis == 2)]
-        pz, py, px = _nearest_top(c, g, pz, py, px)
+        raise_gain(c, g, pz, py, px, powers, power[n], raised)
+        pz, py, px = _nearest_top(c, raised, pz, py, px)
         place[n, 0], place[n, 1], place[n, 2] = px - nx // 2, py - ny // 2, pz - nz // 2
         for k in range(3):
             for j in range(3):
                 for i in range(3):
                     at = pz + k - 1, py + j - 1, px + i - 1
-                    r[k, j, i] = c[at] * g[at]
+                    r[k, j, i] = c[at] * raised[2, at[0]] * raised[1, at[1]] * raised[0, at[2]]
         untilted(r, Y, Y, Y, untilt[n])
         middle = r[1, 1, 1]
         x, y = gaussian_offset(r[1, 1, 0], middle, r[1, 1, 2]), gaussian_offset(r[1, 0, 1], middle, r[1, 2, 1])
@@ -158,16 +165,52 @@ def find_peaks(
 
 
 @part
-def _nearest_top(c: NDArray[np.float32], g: NDArray[np.float32], pz: int, py: int, px: int) -> tuple[int, int, int]:
-    """The local maximum of c g that is reached uphill from a voxel, within the search radius. The gain may move the
-    maximum to a neighbouring voxel."""
+def power_at(row: NDArray[np.float64], bend: float) -> float:
+    """The power of ``overlap.powers`` for a peak whose curvature is ``bend``."""
+    knots = row.size - PLAIN
+    at = (1.0 / bend - row[0]) * row[1] if bend > 0.0 else float(knots)
+    at = min(max(at, 0.0), knots - 1.0)
+    below = min(int(at), knots - 2)
+    return row[PLAIN + below] + (at - below) * (row[PLAIN + below + 1] - row[PLAIN + below])
+
+
+@part
+def raise_gain(
+    c: NDArray[np.float32],
+    g: NDArray[np.float32],
+    z: int,
+    y: int,
+    x: int,
+    powers: NDArray[np.float64],
+    power: NDArray[np.float64],
+    raised: NDArray[np.float32],
+) -> None:
+    """The gain along x, y, z, raised to the powers that suit the peak at a voxel: ``raised`` (3, n)."""
+    nz, ny, nx = c.shape
+    power[0] = power_at(powers[0], curvature(c[z, y, x - 1], c[z, y, x], c[z, y, x + 1]))
+    power[1] = power_at(powers[1], curvature(c[z, y - 1, x], c[z, y, x], c[z, y + 1, x]))
+    power[2] = power_at(powers[2], curvature(c[z - 1, y, x], c[z, y, x], c[z + 1, y, x]))
+    for i in range(nx):
+        raised[0, i] = g[nz // 2, ny // 2, i] ** power[0]
+    for j in range(ny):
+        raised[1, j] = g[nz // 2, j, nx // 2] ** power[1]
+    for k in range(nz):
+        raised[2, k] = g[k, ny // 2, nx // 2] ** power[2]
+
+
+@part
+def _nearest_top(
+    c: NDArray[np.float32], raised: NDArray[np.float32], pz: int, py: int, px: int
+) -> tuple[int, int, int]:
+    """The local maximum of c times the gain that is reached uphill from a voxel, within the search radius. The gain may
+    move the maximum to a neighbouring voxel."""
     while True:
-        best, tz, ty, tx = c[pz, py, px] * g[pz, py, px], pz, py, px
+        best, tz, ty, tx = c[pz, py, px] * raised[2, pz] * raised[1, py] * raised[0, px], pz, py, px
         for axis in range(3):
             for side in (-1, 1):
                 z, y, x = pz + side * (axis == 0), py + side * (axis == 1), px + side * (axis == 2)
                 if 0 < z < c.shape[0] - 1 and 0 < y < c.shape[1] - 1 and 0 < x < c.shape[2] - 1:
-                    value = c[z, y, x] * g[z, y, x]
+                    value = c[z, y, x] * raised[2, z] * raised[1, y] * raised[0, x]
                     if value > best:
                         best, tz, ty, tx = value, z, y, x
         if tz == pz and ty == py and tx == px:

@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import brentq
 
-from plenopiv.displacement.correlation import fade
+from plenopiv.displacement.overlap import fade
 from plenopiv.displacement.settings import CorrelationSettings, Pass, Sides
 from plenopiv.displacement.sub_windows import offsets
 

@@ -57,23 +57,30 @@ class ScatterCorrelator(WindowCorrelator):
     """A correlator that also estimates the variance of peak positions from the scatter of a window's particles."""
 
     def variance(
-        self, spectra: Spectra, place: NDArray[np.int64], untilt: NDArray[np.float64], part: float = _SINGLE
+        self,
+        spectra: Spectra,
+        place: NDArray[np.int64],
+        untilt: NDArray[np.float64],
+        power: NDArray[np.float64],
+        part: float = _SINGLE,
     ) -> NDArray[np.float64]:
-        """Jackknife variance (batch, 3), voxel^2, along x, y, z, of the peaks of a batch. ``place``, ``untilt``: as
-        ``find_peaks`` leaves them; ``part``: of a block that is left out (``part_left_out``)."""
-        return jackknife_variance(self.contributions(spectra, place), untilt, part)
+        """Jackknife variance (batch, 3), voxel^2, along x, y, z, of the peaks of a batch. ``place``, ``untilt``,
+        ``power``: as ``find_peaks`` leaves them; ``part``: of a block that is left out (``part_left_out``)."""
+        return jackknife_variance(self.contributions(spectra, place, power), untilt, part)
 
     @property
     def blocks(self) -> NDArray[np.int64]:
         """Blocks of a window along z, y, x."""
         return np.array([max(1, min(_BLOCKS, n // thin)) for n, thin in zip(self.size, _THINNEST, strict=True)])
 
-    def contributions(self, spectra: Spectra, place: NDArray[np.int64]) -> NDArray[np.float64]:
+    def contributions(
+        self, spectra: Spectra, place: NDArray[np.int64], power: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """``block_sums`` (batch, blocks, 7) of the blocks of a batch, normalised by overlap."""
         pairs, blocks = self.filtered(spectra), self.blocks
         sums = np.zeros((len(pairs), int(blocks.prod()), 7))
         block_sums(pairs, self.around, place, blocks, sums)
-        return sums * around_peaks(spectra.gain, place)[:, None]
+        return sums * gain_around(spectra.gain, place, power)[:, None]
 
     def filtered(self, spectra: Spectra) -> NDArray[np.float32]:
         """Both windows after whitening and smoothing, (batch, 2, nz, ny, nx), so that R(d) is their plain circular sum
@@ -95,6 +102,15 @@ def around_peaks(values: NDArray[np.float32], place: NDArray[np.int64]) -> NDArr
     z, y, x = np.moveaxis(middle + star, -1, 0)  # (batch, 7) each
     window = np.arange(len(place))[:, None] if len(values) > 1 else 0
     return values[window, z, y, x]
+
+
+def gain_around(gain: NDArray[np.float32], place: NDArray[np.int64], power: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The gain at the peaks and their six neighbours as ``find_peaks`` applies it, raised along x, y, z to ``power``
+    (batch, 3); over that at the peak itself."""
+    there = around_peaks(gain, place).astype(np.float64)
+    there /= there[:, :1].copy()
+    out: NDArray[np.float64] = there ** np.insert(np.repeat(power, 2, axis=1), 0, 1.0, axis=1)
+    return out
 
 
 @part

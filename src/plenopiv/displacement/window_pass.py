@@ -58,15 +58,16 @@ class PassVectors:
         correlation: NDArray[np.float32],
         gain: NDArray[np.float32],
         lit: NDArray[np.bool_],
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Find the peaks of a batch of windows; ``place`` and ``untilt`` of ``find_peaks``."""
-        place, untilt = np.empty((len(lit), 3), np.int64), np.empty((len(lit), 3, 3))
+        powers: NDArray[np.float64],
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Find the peaks of a batch of windows; ``place``, ``untilt`` and ``power`` of ``find_peaks``."""
+        place, untilt, power = np.empty((len(lit), 3), np.int64), np.empty((len(lit), 3, 3)), np.empty((len(lit), 3))
         into = self.moved[layer, part], self.ratio[layer, part], self.found[layer, part]
-        find_peaks(correlation, gain, *into, place, untilt)
+        find_peaks(correlation, gain, *into, place, untilt, powers, power)
         self.found[layer, part] &= lit
         self.moved[layer, part][~lit] = 0.0
         self.ratio[layer, part][~lit] = 0.0
-        return place, untilt
+        return place, untilt, power
 
     def result(self, predictor: SplineField | None, variance: NDArray[np.float64] | None) -> PassResult:
         """``variance``: as ``moved``."""
