@@ -173,7 +173,7 @@ def write_page() -> None:
 def main() -> None:
     everything = [*CASES, *(f"condition {name}" for name in QUIET)]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(everything))
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(everything).replace("%", "%%"))
     parser.add_argument("--again", action="store_true", help="try cases that were tried on the same sources")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "spoilt", metavar="DIR")
     arguments = parser.parse_args()
