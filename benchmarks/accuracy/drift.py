@@ -174,8 +174,12 @@ def still(
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--drifts", nargs="*", choices=DRIFTS, default=DRIFTS, metavar="NAME", help=", ".join(DRIFTS).replace("%", "%%"))
-    parser.add_argument("--ways", nargs="*", default=("none", "auto", NEW), metavar="WAY", help=f"none, auto, {NEW}".replace("%", "%%"))
+    parser.add_argument(
+        "--drifts", nargs="*", choices=DRIFTS, default=DRIFTS, metavar="NAME", help=", ".join(DRIFTS).replace("%", "%%")
+    )
+    parser.add_argument(
+        "--ways", nargs="*", default=("none", "auto", NEW), metavar="WAY", help=f"none, auto, {NEW}".replace("%", "%%")
+    )
     parser.add_argument("--still", action="store_true", help="in other light and seeding, without measuring vectors")
     parser.add_argument("--seeds", nargs="*", type=int, default=(1, 2, 3), metavar="N", help="of --still")
     parser.add_argument("--out", type=Path, default=Path("build/drift"), metavar="DIR")

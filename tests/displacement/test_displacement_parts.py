@@ -81,7 +81,8 @@ def naive_correlation(a, b, weight, search):
 
 def normalised(correlator, a, b, cuts=None):
     spectra = correlator.spectra(WindowBatch.of(a), WindowBatch.of(b), cuts)
-    return correlator.correlation(spectra) * spectra.gain
+    z, y, x = spectra.gain
+    return correlator.correlation(spectra) * z[:, :, None, None] * y[:, None, :, None] * x[:, None, None]
 
 
 @pytest.mark.parametrize("taper", [0.0, 2.0])
@@ -200,6 +201,10 @@ def test_no_bias_toward_zero():
     np.testing.assert_allclose(d[0, 1:], 0, atol=0.02)
 
 
+def ungained(correlation):
+    return tuple(np.ones((1, n), np.float32) for n in correlation.shape[1:])
+
+
 def peaks_of(correlation, gain, displacement, ratio, found):
     """``find_peaks``, the gain as it is, with room for where and how slanted peaks are, which it returns."""
     place, untilt, power = np.empty((len(found), 3), np.int64), np.empty((len(found), 3, 3)), np.empty((len(found), 3))
@@ -246,7 +251,7 @@ def test_top_of_a_slanted_peak(plane, slant):
         d = np.stack([x, y, z], -1) - top
         c = np.exp(-0.5 * np.einsum("...i,ij,...j", d, precision, d))[None]
         got, ratio, found = np.zeros((1, 3)), np.zeros(1, np.float32), np.zeros(1, bool)
-        place, untilt = peaks_of(c, np.ones_like(c), got, ratio, found)
+        place, untilt = peaks_of(c, ungained(c), got, ratio, found)
         sections = np.linalg.solve(untilt[0], got[0] - place[0])
         if (np.abs(top - place[0]) <= 1.0).all() and (np.abs(sections) < 0.5).all():
             np.testing.assert_allclose(got[0], top, atol=1e-9)
@@ -273,7 +278,7 @@ def test_second_peak_and_slopes():
     c[1, 1, 1] = np.arange(21)  # rises beyond the search radius
     c[2] = -1.0
     d, ratio, found = np.zeros((3, 3)), np.zeros(3, np.float32), np.ones(3, bool)
-    peaks_of(c, np.ones((1, 3, 3, 21), np.float32), d, ratio, found)
+    peaks_of(c, ungained(c), d, ratio, found)
     assert d[0, 0] == pytest.approx(4 - 10)
     assert ratio[0] == pytest.approx(2.0)
     assert found.tolist() == [True, False, False]
@@ -285,12 +290,11 @@ def test_peak_is_chosen_without_the_gain_and_placed_with_it():
     shape = lambda top: np.exp(-0.5 * (x - top) ** 2)  # noqa: E731
     narrow = np.exp(-0.5 * (np.arange(-1, 2)) ** 2)
     c = ((shape(1.3) + 0.7 * shape(-9))[None, None] * narrow[:, None, None] * narrow[:, None])[None].repeat(2, 0)
-    gain = np.ones_like(c)
-    gain[0] = 1 + 0.1 * np.abs(x)
-    gain[1] = np.exp(0.4 * x)  # moves a Gaussian of unit variance by 0.4
-    assert (c * gain)[0, 1, 1, 1] > (c * gain)[0, 1, 1, 11]
+    gain = np.stack([1 + 0.1 * np.abs(x), np.exp(0.4 * x)])  # the second moves a Gaussian of unit variance by 0.4
+    assert (c[0, 1, 1] * gain[0])[1] > (c[0, 1, 1] * gain[0])[11]
     d, ratio, found = np.zeros((2, 3)), np.zeros(2, np.float32), np.ones(2, bool)
-    peaks_of(c.astype(np.float32), gain.astype(np.float32), d, ratio, found)
+    gains = np.ones((1, 3), np.float32), np.ones((1, 3), np.float32), gain.astype(np.float32)
+    peaks_of(c.astype(np.float32), gains, d, ratio, found)
     assert d[0, 0] == pytest.approx(1.3, abs=0.1)
     assert d[1, 0] == pytest.approx(1.7, abs=0.01)  # another voxel than the one found first
     np.testing.assert_allclose(d[:, 1:], 0, atol=1e-6)

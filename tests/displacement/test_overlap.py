@@ -80,7 +80,8 @@ def test_gains_are_raised_along_each_axis_by_the_curvature_there():
         expected = power_for(correlator.powers[axis], 2 * middle - left - right)
         assert power[0, axis] == pytest.approx(expected, rel=1e-4)
         left, middle, right = (
-            v + expected * math.log(gain[0][at]) for v, at in zip((left, middle, right), steps, strict=True)
+            v + expected * math.log(gain[2 - axis][0, 4 + s])
+            for v, s in zip((left, middle, right), (-1, 0, 1), strict=True)
         )
         assert d[0, axis] == pytest.approx(0.5 * (right - left) / (2 * middle - left - right), rel=1e-3)
 

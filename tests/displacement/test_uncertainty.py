@@ -71,7 +71,9 @@ def test_variance_is_the_jackknife_of_the_peak_fit(part):
             step = np.eye(3, dtype=int)[axis]
             moved = np.roll(fb[w], -shift, (0, 1, 2))
             pairs = [np.roll(fa[w], -step, (0, 1, 2)) * moved, fa[w] * moved, fa[w] * np.roll(moved, -step, (0, 1, 2))]
-            gains = [spectra.gain[w][tuple(np.array([3, 4, 3]) + shift + s * step)] for s in (-1, 0, 1)]
+            whole = [factor[min(w, len(factor) - 1)] for factor in spectra.gain]
+            places = [np.array([3, 4, 3]) + shift + s * step for s in (-1, 0, 1)]
+            gains = [np.prod([factor[k] for factor, k in zip(whole, place, strict=True)]) for place in places]
             gains = [(gain / gains[1]) ** power[component] for gain in gains]
             for number, block in enumerate(np.ndindex(*blocks)):
                 kept = np.ones(SIZE)

@@ -11,7 +11,7 @@ SCRIPTS = [
     file
     for folder in ("benchmarks", "campaigns", "paper", "examples")
     for file in sorted((ROOT / folder).rglob("*.py"))
-    if "ArgumentParser(" in file.read_text()
+    if all(part in file.read_text() for part in ("ArgumentParser(", "__main__"))
 ]
 
 

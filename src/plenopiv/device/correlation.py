@@ -35,7 +35,7 @@ from plenopiv.displacement.windows import WindowGrid
 from plenopiv.volume import Volume
 
 # gain of a peak's neighbourhood, which is corrected already, and its power
-_ALONE, _AS_IT_IS = np.ones((1, 3, 3, 3), np.float32), np.ones((3, PLAIN + 2))
+_ALONE, _AS_IT_IS = (np.ones((1, 3), np.float32),) * 3, np.ones((3, PLAIN + 2))
 
 
 def measure(

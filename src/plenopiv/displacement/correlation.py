@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.displacement.overlap import fade, overlap, powers
+from plenopiv.displacement.overlap import fade, overlaps, powers
 from plenopiv.displacement.spectra import correlate, transform_windows
 from plenopiv.displacement.transforms import fast_length, lines, rounded_up
 from plenopiv.displacement.windows import WindowBatch
 
+Gain = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 ONES = np.ones((1, 1, 1, 1), np.float32)
 
 
@@ -20,12 +21,13 @@ ONES = np.ones((1, 1, 1, 1), np.float32)
 class Spectra:
     """Transforms of a batch of windows a + i b, each window weighted and of zero mean (batch, floats; ``transforms``).
 
-    ``gain``: what the correlation is multiplied by for the overlap of the weights, 1/C(d): (batch or 1, 2 rz + 3, ...).
+    ``gain``: what the correlation is multiplied by along z, y, x for the overlap of the weights, 1/C(d): (batch or 1,
+    2 r + 3) each.
     ``lit`` (batch,): whether both windows hold more than one value; of uniform windows only rounding would correlate.
     """
 
     pairs: NDArray[np.float32]
-    gain: NDArray[np.float32]
+    gain: Gain
     lit: NDArray[np.bool_]
 
 
@@ -76,7 +78,6 @@ class WindowCorrelator:
         turn = waves[0][: self.around[0] // 2 + 1] * self._shifts[0][:, None]
         self._turns = np.stack([np.cos(turn), -np.sin(turn)], -1) * _times_seen(self.around[0])[:, None]
         self._turns = (self._turns / np.prod(self.around)).astype(np.float32)
-        self._whole = self._fades_and_gain(np.zeros((3, 2)))
 
     def spectra(
         self,
@@ -90,12 +91,14 @@ class WindowCorrelator:
 
         ``cuts`` (batch, 3, 2): voxels by which each window is shorter at the low and the high end along z, y, x.
         ``agreement`` (batch, nz, ny, nx): a further factor of w (``displacement.agreement``). It moves with the
-        particles, not with the window, so C leaves it out. ``depth`` (batch, nz): likewise (``depth_weights``).
+        particles, not with the window, so C leaves it out. ``depth`` (batch, nz): another one, along z
+        (``depth_weights``); C with it multiplies the noise of displacements near focus by 1.5.
         """
-        z, y, x, gain = (np.stack(v) for v in zip(*self._each(cuts), strict=True))
-        count = a.begin.size
-        if depth is not None:
-            z, y, x = z * depth, *(v if len(v) == count else np.repeat(v, count, 0) for v in (y, x))
+        (z, y, x), count = self._fades(cuts), a.begin.size
+        gain = self.gain(cuts)
+        z = z if depth is None else z * depth
+        if len({len(z), len(y), len(x)}) > 1:
+            z, y, x = (v if len(v) == count else np.repeat(v, count, 0) for v in (z, y, x))
         pairs, lit = (
             np.empty((count, 2 * self.around[0] * self.around[2] * self._high), np.float32),
             np.empty(count, bool),
@@ -111,22 +114,22 @@ class WindowCorrelator:
         correlate(spectra.pairs, *about, self._radius, self._turns, out)
         return out
 
-    def gain(self, cuts: NDArray[np.float64] | None) -> NDArray[np.float32]:
+    def gain(self, cuts: NDArray[np.float64] | None) -> Gain:
         """``Spectra.gain`` of windows with these ``cuts``."""
-        return np.stack([gain for *_, gain in self._each(cuts)])
+        z, y, x = (
+            (1 / overlaps(fade, shifts)).astype(np.float32)
+            for fade, shifts in zip(self._fades(cuts), self._shifts, strict=True)
+        )
+        return z, y, x
 
-    def _each(self, cuts: NDArray[np.float64] | None) -> list[tuple[NDArray[np.float32], ...]]:
-        """``_fades_and_gain`` of each window, or one for all where none is cut."""
-        if cuts is None or not cuts.any():
-            return [self._whole]
-        return [self._fades_and_gain(c) if c.any() else self._whole for c in cuts]
-
-    def _fades_and_gain(self, cuts: NDArray[np.float64]) -> tuple[NDArray[np.float32], ...]:
-        """The factors of w along z, y and x of a window shorter by ``cuts`` (3, 2), and 1 / prod C (2 rz + 3, ...)."""
-        fades = [fade(n, self.taper, *cut) for n, cut in zip(self.size, cuts, strict=True)]
-        z, y, x = (overlap(w)[w.size - 1 + d] for w, d in zip(fades, self._shifts, strict=True))
-        shared = z[:, None, None] * y[:, None] * x
-        return *(f.astype(np.float32) for f in fades), (1 / shared).astype(np.float32)
+    def _fades(self, cuts: NDArray[np.float64] | None) -> Gain:
+        """The factors of w along z, y and x, (batch, n) each, or one for all where windows do not differ."""
+        cuts = np.zeros((1, 3, 2)) if cuts is None or not cuts.any() else cuts
+        z, y, x = (
+            fade(n, self.taper, of_axis[:, :1], of_axis[:, 1:]).astype(np.float32)
+            for n, of_axis in zip(self.size, np.moveaxis(cuts, 1, 0), strict=True)
+        )
+        return z, y, x
 
 
 def _times_seen(n: int) -> NDArray[np.float64]:

@@ -19,14 +19,17 @@ from numpy.typing import NDArray
 
 _MOVED = 0.25  # D, voxels
 _WIDTHS = np.geomspace(0.5, 64.0, 48)  # s^2, voxel^2
-_LEAST_LEFT = 0.45  # of D in a peak, below which the power grows no more: noise grows with it
+_LEAST_LEFT = 0.6  # of D in a peak, below which the power grows no more: noise grows with it
 _KNOTS = 32
 _TELLING, _USUAL = 1.2, 4.0  # ratio of 1/K over all widths below which K tells none; the s^2 that is taken then
 PLAIN = 2  # where the powers begin in a row of ``powers``
 
 
-def fade(n: int, taper: float, low: float = 0.0, high: float = 0.0) -> NDArray[np.float64]:
-    """One inside, sin^2 over the outermost ``taper`` voxels of ``n``, zero over the first ``low`` and last ``high``."""
+def fade(
+    n: int, taper: float, low: float | NDArray[np.float64] = 0.0, high: float | NDArray[np.float64] = 0.0
+) -> NDArray[np.float64]:
+    """One inside, sin^2 over the outermost ``taper`` voxels of ``n``, zero over the first ``low`` and last ``high``:
+    (n,), or of several windows (batch, n) where these are (batch, 1)."""
     centre = np.arange(n) + 0.5
     edge = np.minimum(centre - low, n - high - centre)
     return np.sin(np.pi / 2 * np.clip(edge / taper, 0.0, 1.0)) ** 2 if taper > 0 else (edge > 0).astype(float)
@@ -35,6 +38,15 @@ def fade(n: int, taper: float, low: float = 0.0, high: float = 0.0) -> NDArray[n
 def overlap(weight: NDArray[np.float64]) -> NDArray[np.float64]:
     """C(d) for -n < d < n of a window's ``weight`` (n,): (2 n - 1,), 1 in the middle."""
     return np.correlate(weight, weight, "full") / (weight @ weight)
+
+
+def overlaps(weights: NDArray[np.float32], shifts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """C(d) of the displacements ``shifts`` (m,) of many windows' ``weights`` (batch, n): (batch, m)."""
+    values, n = weights.astype(np.float64), weights.shape[1]
+    away = np.abs(shifts)
+    shared = np.stack([(values[:, : n - d] * values[:, d:]).sum(1) for d in range(away.max() + 1)], -1)
+    out: NDArray[np.float64] = shared[:, away] / shared[:, :1]
+    return out
 
 
 @lru_cache(maxsize=256)

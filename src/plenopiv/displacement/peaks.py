@@ -94,7 +94,7 @@ def untilted(r: NDArray[np.float32], z: int, y: int, x: int, matrix: NDArray[np.
 @kernel
 def find_peaks(
     correlation: NDArray[np.float32],
-    gain: NDArray[np.float32],
+    gain: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
     displacement: NDArray[np.float64],
     peak_ratio: NDArray[np.float32],
     found: NDArray[np.bool_],
@@ -108,8 +108,8 @@ def find_peaks(
     The gain corrects for the overlap of the windows, without which peaks are biased toward zero. It grows outward and
     raises chance peaks there, so the highest peak is searched without it.
     ``correlation``: (batch, 2 rz + 3, 2 ry + 3, 2 rx + 3), the search radius and one voxel more on each side; zero
-    displacement in the middle. ``gain``: the same shape, or one for all (1, ...). Writes ``displacement`` (batch, 3) as
-    dx, dy, dz in voxels, ``peak_ratio`` (batch,), highest over second highest correlation, and ``found`` (batch,):
+    displacement in the middle. ``gain``: factors along z, y, x, (batch, 2 r + 3) each, or one for all (1, ...). Writes
+    ``displacement`` (batch, 3) as dx, dy, dz in voxels, ``peak_ratio`` (batch,), highest over second highest correlation, and ``found`` (batch,):
     False when there is no positive maximum within the search radius, or only a slope to its edge. ``place`` (batch, 3):
     dx, dy, dz of the voxel about which the peak was fitted; ``untilt`` (batch, 3, 3): see ``untilted``.
     The gain along each axis is raised to a power by the peak's curvature there: ``powers`` (3, knots), x y z, of
@@ -117,9 +117,9 @@ def find_peaks(
     """
     count, nz, ny, nx = correlation.shape
     r = np.empty((3, 3, 3), correlation.dtype)
-    raised = np.ones((3, max(nz, max(ny, nx))), gain.dtype)
+    raised = np.ones((3, max(nz, max(ny, nx))), np.float32)
     for n in range(count):
-        c, g = correlation[n], gain[n if gain.shape[0] > 1 else 0]
+        c = correlation[n]
         best, pz, py, px = np.float32(0.0), np.int64(-1), np.int64(0), np.int64(0)
         for k in range(1, nz - 1):
             for j in range(1, ny - 1):
@@ -147,7 +147,9 @@ def find_peaks(
         for axis in range(3):
             for side in (-1, 1):
                 found[n] &= best >= c[pz + side * (axis == 0), py + side * (axis == 1), px + side * (axis == 2)]
-        raise_gain(c, g, pz, py, px, powers, power[n], raised)
+        gz, gy, gx = gain
+        own = gz[min(n, len(gz) - 1)], gy[min(n, len(gy) - 1)], gx[min(n, len(gx) - 1)]
+        raise_gain(c, own, pz, py, px, powers, power[n], raised)
         pz, py, px = _nearest_top(c, raised, pz, py, px)
         place[n, 0], place[n, 1], place[n, 2] = px - nx // 2, py - ny // 2, pz - nz // 2
         for k in range(3):
@@ -177,7 +179,7 @@ def power_at(row: NDArray[np.float64], bend: float) -> float:
 @part
 def raise_gain(
     c: NDArray[np.float32],
-    g: NDArray[np.float32],
+    gain: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
     z: int,
     y: int,
     x: int,
@@ -186,16 +188,16 @@ def raise_gain(
     raised: NDArray[np.float32],
 ) -> None:
     """The gain along x, y, z, raised to the powers that suit the peak at a voxel: ``raised`` (3, n)."""
-    nz, ny, nx = c.shape
+    nz, ny, nx = c.shape  # the middle of each is no displacement
     power[0] = power_at(powers[0], curvature(c[z, y, x - 1], c[z, y, x], c[z, y, x + 1]))
     power[1] = power_at(powers[1], curvature(c[z, y - 1, x], c[z, y, x], c[z, y + 1, x]))
     power[2] = power_at(powers[2], curvature(c[z - 1, y, x], c[z, y, x], c[z + 1, y, x]))
     for i in range(nx):
-        raised[0, i] = g[nz // 2, ny // 2, i] ** power[0]
+        raised[0, i] = gain[2][i] ** power[0]
     for j in range(ny):
-        raised[1, j] = g[nz // 2, j, nx // 2] ** power[1]
+        raised[1, j] = gain[1][j] ** power[1]
     for k in range(nz):
-        raised[2, k] = g[k, ny // 2, nx // 2] ** power[2]
+        raised[2, k] = gain[0][k] ** power[2]
 
 
 @part

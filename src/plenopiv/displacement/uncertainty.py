@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from plenopiv.displacement.correlation import Spectra, WindowCorrelator
+from plenopiv.displacement.correlation import Gain, Spectra, WindowCorrelator
 from plenopiv.displacement.noise_amplification import bias_factor, noise_amplification, strides
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.resolution import averaged_share
@@ -104,12 +104,15 @@ def around_peaks(values: NDArray[np.float32], place: NDArray[np.int64]) -> NDArr
     return values[window, z, y, x]
 
 
-def gain_around(gain: NDArray[np.float32], place: NDArray[np.int64], power: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The gain at the peaks and their six neighbours as ``find_peaks`` applies it, raised along x, y, z to ``power``
-    (batch, 3); over that at the peak itself."""
-    there = around_peaks(gain, place).astype(np.float64)
-    there /= there[:, :1].copy()
-    out: NDArray[np.float64] = there ** np.insert(np.repeat(power, 2, axis=1), 0, 1.0, axis=1)
+def gain_around(gain: Gain, place: NDArray[np.int64], power: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The gain at the peaks and their six neighbours, in the order of ``around_peaks``, as ``find_peaks`` applies it,
+    raised along x, y, z to ``power`` (batch, 3); over that at the peak itself: (batch, 7)."""
+    out = np.ones((len(place), 7))
+    for axis, factor in enumerate(gain[::-1]):
+        window = np.arange(len(place)) if len(factor) > 1 else 0
+        here = factor.shape[1] // 2 + place[:, axis]
+        for side, column in ((-1, 1 + 2 * axis), (1, 2 + 2 * axis)):
+            out[:, column] = (factor[window, here + side] / factor[window, here].astype(float)) ** power[:, axis]
     return out
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.agreement import agreement
-from plenopiv.displacement.correlation import Spectra
+from plenopiv.displacement.correlation import Gain, Spectra
 from plenopiv.displacement.deformation import SPLINE_VARIANCE, DeformedPlanes
 from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.peaks import find_peaks
@@ -56,7 +56,7 @@ class PassVectors:
         layer: int,
         part: slice,
         correlation: NDArray[np.float32],
-        gain: NDArray[np.float32],
+        gain: Gain,
         lit: NDArray[np.bool_],
         powers: NDArray[np.float64],
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
@@ -125,7 +125,7 @@ class WindowPass:
         z, y, x = (2 * r + 3 for r in self.radius)
         return z, y, x
 
-    def gain(self, layer: int, part: slice) -> NDArray[np.float32]:
+    def gain(self, layer: int, part: slice) -> Gain:
         """As in the ``Spectra`` of these windows; the same for every pair."""
         return self.correlator.gain(None if self.cuts is None else self.cuts[layer, part])
 
