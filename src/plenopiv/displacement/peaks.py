@@ -109,9 +109,10 @@ def find_peaks(
     raises chance peaks there, so the highest peak is searched without it.
     ``correlation``: (batch, 2 rz + 3, 2 ry + 3, 2 rx + 3), the search radius and one voxel more on each side; zero
     displacement in the middle. ``gain``: factors along z, y, x, (batch, 2 r + 3) each, or one for all (1, ...). Writes
-    ``displacement`` (batch, 3) as dx, dy, dz in voxels, ``peak_ratio`` (batch,), highest over second highest correlation, and ``found`` (batch,):
-    False when there is no positive maximum within the search radius, or only a slope to its edge. ``place`` (batch, 3):
-    dx, dy, dz of the voxel about which the peak was fitted; ``untilt`` (batch, 3, 3): see ``untilted``.
+    ``displacement`` (batch, 3) as dx, dy, dz in voxels, ``peak_ratio`` (batch,), highest over second highest
+    correlation, and ``found`` (batch,): False when there is no positive maximum within the search radius, or only a
+    slope to its edge. ``place`` (batch, 3): dx, dy, dz of the voxel about which the peak was
+    fitted; ``untilt`` (batch, 3, 3): see ``untilted``.
     The gain along each axis is raised to a power by the peak's curvature there: ``powers`` (3, knots), x y z, of
     ``overlap.powers``, writes ``power`` (batch, 3).
     """

@@ -29,7 +29,8 @@ class CorrelationSettings:
     ``windows``: interrogation windows, coarse to fine. ``overlap``: of neighbouring windows, as a fraction of a window.
     ``inner_window``: sub-windows, smaller than the last of ``windows``; a vector of that window is the mean of the
     sub-windows' vectors over most of it (``displacement.resolution``). None: 0.75 of the last of ``windows`` along x
-    and y, 0.94 along z, where particles are long; 8 voxels at least. As large as the last of ``windows``: no sub-windows.
+    and y, 0.94 along z, where particles are long; 8 voxels at least. As large as the last of ``windows``: no
+    sub-windows.
     ``inner_overlap``: of sub-windows.
     ``coarse_passes``, ``fine_passes``: passes with each coarse window size and with the finest one. All but the very
     first pass deform the volumes by the displacement known so far.
