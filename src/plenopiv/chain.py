@@ -36,7 +36,7 @@ from plenopiv.projection.pinhole.projector import PinholeProjector
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.projection.protocol import Projection
 from plenopiv.projection.several_cameras import SeveralCameras
-from plenopiv.reconstruction.focus import focus_weight
+from plenopiv.reconstruction.focus import focus_weight, near_focus
 from plenopiv.reconstruction.mart import Progress
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE
 from plenopiv.reconstruction.reconstruct import Reconstruction, reconstruct
@@ -293,7 +293,7 @@ class Chain:
         Raises:
             PlenoPIVError: as ``displacement``; ``dt_s`` is not positive.
         """
-        return velocity_dataset(self.displacement(a, b, progress), self.grid, dt_s, time_s, self.frame)
+        return self._dataset(self.displacement(a, b, progress), dt_s, time_s)
 
     def ensemble(
         self,
@@ -310,7 +310,17 @@ class Chain:
             PlenoPIVError: there is no pair; else as ``velocity``.
         """
         found = measure_ensemble(_Weighted(self, pairs), self.correlation, progress, self.solid, self.depth_weights)
-        return velocity_dataset(found, self.grid, dt_s, time_s, self.frame)
+        return self._dataset(found, dt_s, time_s)
+
+    def _dataset(self, field: DisplacementField, dt_s: float, time_s: float) -> xarray.Dataset:
+        """``velocity_dataset``, with what lies near focus where one plenoptic camera sees it."""
+        near, camera = None, self.cameras[0]
+        if len(self.cameras) == 1 and isinstance(camera, PlenopticCamera):
+            index = field.x, field.y, field.z
+            axes = (f + v * n for f, v, n in zip(self.grid.first_mm, self.grid.voxel_mm, index, strict=True))
+            at = np.stack(np.meshgrid(*axes, indexing="ij"), -1).transpose(2, 1, 0, 3)
+            near = near_focus(camera, (at if self.space is None else self.space.to_lens(at))[..., 2])
+        return velocity_dataset(field, self.grid, dt_s, time_s, self.frame, near)
 
 
 @dataclass(frozen=True)

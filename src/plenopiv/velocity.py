@@ -30,7 +30,12 @@ def velocity_m_s(displacement: NDArray[np.float64], grid: VoxelGrid, dt_s: float
 
 
 def velocity_dataset(
-    field: DisplacementField, grid: VoxelGrid, dt_s: float, time_s: float = 0.0, frame: Frame = "camera"
+    field: DisplacementField,
+    grid: VoxelGrid,
+    dt_s: float,
+    time_s: float = 0.0,
+    frame: Frame = "camera",
+    near_focus: NDArray[np.bool_] | None = None,
 ) -> xr.Dataset:
     """One velocity field as an xarray Dataset with dims (time, z, y, x), time of length one.
 
@@ -38,7 +43,8 @@ def velocity_dataset(
     the laboratory, vectors at their mid-time positions; ``time_s`` the mid-time of the two images. Variables: u, v, w
     in m/s after replacement; u_raw, v_raw, w_raw before (``DisplacementField.raw``); u_std, v_std, w_std in m/s, the
     standard deviations of u, v, w; valid (int8, 1 = measured, 0 = replaced); peak_ratio; where a body was named
-    inside_body (int8), 1 where the window lies more than half in it: all others are then NaN, and valid is 0.
+    inside_body (int8), 1 where the window lies more than half in it: all others are then NaN, and valid is 0; with
+    ``near_focus`` (nz, ny, nx) near_focus (int8), 1 where light has hardly any depth.
     """
     import xarray as xr
 
@@ -79,6 +85,17 @@ def velocity_dataset(
             "comment": "of sub-windows the inverse of the mean inverse",
         },
     )
+    if near_focus is not None:
+        variables["near_focus"] = (
+            _DIMS,
+            near_focus[None].astype(np.int8),
+            {
+                "long_name": "within 1.5 dead zones of focus, where displacements in depth may be biased",
+                "standard_name": "status_flag",
+                "flag_values": np.array([0, 1], np.int8),
+                "flag_meanings": "beyond near_focus",
+            },
+        )
     if field.solid is not None:
         variables["inside_body"] = (
             _DIMS,

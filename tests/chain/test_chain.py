@@ -98,6 +98,7 @@ def test_the_same_bits_after_pickle(kind):
         fields = [c.velocity(*volumes, dt_s=1e-3) for c, volumes in ((chain, before), (other, after))]
         for name in fields[0].data_vars:
             np.testing.assert_array_equal(fields[0][name], fields[1][name])
+        assert ("near_focus" in fields[0]) == (kind == "one plenoptic camera")
 
 
 def test_velocity_has_the_signs_and_units_of_the_motion():
@@ -107,6 +108,9 @@ def test_velocity_has_the_signs_and_units_of_the_motion():
     assert float(field.time) == 0.25
     for name, moved_mm, voxel_mm in zip("uvw", MOVED_MM, GRID.voxel_mm, strict=True):
         assert float(field[name].median()) == pytest.approx(moved_mm, abs=0.3 * voxel_mm)  # mm in 1 ms are m/s
+    ends = np.array(chain.camera.dead_zone_mm())
+    for z, near in zip(field.z, field.near_focus, strict=True):
+        assert (near == (1.5 * ends[0] < z < 1.5 * ends[1])).all()
     moved = chain.displacement(a, b)
     np.testing.assert_allclose(field.u, moved.displacement[0] * GRID.voxel_mm[0], rtol=1e-12)
 

@@ -90,6 +90,8 @@ def test_a_linear_flow_behind_water_is_the_laboratory_s():
     rms, bias = np.sqrt((off**2).mean((0, 1, 2))), off.mean((0, 1, 2))
     print(f"RMS {rms}, bias {bias} voxels, {off[..., 0].size} vectors")
     assert field.attrs["frame"] == "laboratory"
+    depth = chain_of(behind_water).space.to_lens(at)[..., 2]
+    assert (field.near_focus.values == (CAMERA.dead_zones(depth) < 1.5)).all()
     assert field.valid.all()
     assert (rms < (0.04, 0.04, 0.08)).all()  # of the like flow in lens space, without a map: 0.025, 0.027, 0.07
     assert (np.abs(bias) < 0.03).all()

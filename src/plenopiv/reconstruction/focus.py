@@ -19,6 +19,7 @@ from plenopiv.cameras.plenoptic import PlenopticCamera
 
 POWER = 1.5
 LEAST = 1e-3  # in focus: windows of nothing else still have a vector
+NEAR = 1.5  # dead zones, within which displacements in depth are off by more than their error bars say
 
 
 def focus_weight(camera: PlenopticCamera, z_mm: NDArray[np.float64], reach: float) -> NDArray[np.float32]:
@@ -27,3 +28,8 @@ def focus_weight(camera: PlenopticCamera, z_mm: NDArray[np.float64], reach: floa
     if reach == 0:
         return np.ones(z_mm.shape, np.float32)
     return np.clip((camera.dead_zones(z_mm) / reach) ** POWER, LEAST, 1).astype(np.float32)
+
+
+def near_focus(camera: PlenopticCamera, z_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Where windows whose middle is at ``z_mm`` see mostly light without depth, in its shape."""
+    return camera.dead_zones(z_mm) < NEAR
