@@ -48,7 +48,7 @@ def copied(original: Path, at: str) -> str:
         inside = path.relative_to(ROOT).as_posix()
         if inside in BESIDE:
             return f"{up}{BESIDE[inside]}{anchor}"
-        if path.is_dir() or not inside.endswith((".md", ".py", ".toml", ".txt", ".json")):
+        if path.is_dir() or not inside.endswith((".md", ".py", ".toml", ".txt", ".json", ".cff", "LICENSE")):
             inside = next(name for name in (f"{inside}/README.md", "README.md") if (ROOT / name).exists())
             return f"{up}{BESIDE.get(inside, inside)}"
         place = f"files/{inside}.txt"

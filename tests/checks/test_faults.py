@@ -7,10 +7,12 @@ import pytest
 import tifffile
 from recordings import camera, edited, looked_at, record, white_of, wrong
 
+from plenopiv.checks.findings import Finding
 from plenopiv.checks.fit import TURNS, finding, fit
 from plenopiv.checks.stamps import in_order, stamp
 from plenopiv.checks.static import common_light, of_files, pulses
 from plenopiv.checks.white import white_image
+from plenopiv.checks.whole_recording import _worst
 from plenopiv.recording.sources import only_source
 from plenopiv.recording.static_light import static_light
 from plenopiv.sensor import Sensor
@@ -169,6 +171,13 @@ def test_white_image_of_another_camera(recording, other):
     assert fault.severity == "unusable"
     assert "another camera's" in fault.words
     assert fault.number > 2.0
+
+
+def test_the_white_image_of_another_camera_has_not_moved_a_little():
+    moved = Finding("white-moved", "warning", "b.tif", 7.1)
+    other = Finding("other-camera", "unusable", "a.tif", 7.1)
+    assert _worst([other, moved]) == [other]
+    assert _worst([moved]) == [moved]
 
 
 def test_white_image_of_a_camera_with_another_array(recording):

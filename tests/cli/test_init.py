@@ -114,6 +114,15 @@ def test_init_names_what_is_wrong_with_the_sheet(folder, tmp_path, one_line, tab
     assert tree(folder) == before
 
 
+def test_init_names_a_key_with_another_unit(folder, tmp_path, one_line):
+    sheet = json.loads(json.dumps(SHEET))
+    sheet["recording"]["dt_us"] = 1e6 * sheet["recording"].pop("dt_s")
+    (tmp_path / "wrong.json").write_text(json.dumps(sheet))
+    message = one_line("init", folder, tmp_path / "wrong.json", "--overwrite")
+    assert "recording.dt_s is missing; recording.dt_us is no key" in message
+    assert "is no key" not in one_line("init", folder, sheet_with(tmp_path, "recording", "dt_s", None), "--overwrite")
+
+
 def test_init_names_what_is_wrong_with_the_folder(folder, tmp_path, one_line):
     sheet = tmp_path / "optics.json"
     assert "is already there; use --overwrite" in one_line("init", folder, sheet)

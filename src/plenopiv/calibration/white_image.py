@@ -177,13 +177,14 @@ def _first_estimate(image: NDArray, camera: PlenopticCamera, name: str) -> tuple
     if found.kind != kind:
         raise PlenoPIVError(
             f"{name}: another lattice: shows a {found.kind} lattice (pitch {found_um:.2f} um, {found_px:.3f} px), but "
-            f'camera.microlens_array.lattice states "{kind}": set it to "{found.kind}"'
+            f'camera.microlens_array.lattice states "{kind}": set it to "{found.kind}", '
+            "or name this camera's own white image"
         )
     if abs(found_px / stated_px - 1.0) > PITCH_TOLERANCE:
         raise PlenoPIVError(
             f"{name}: another lattice: shows microlenses {found_um:.2f} um ({found_px:.3f} px) apart, but "
             f"camera.microlens_array.pitch_mm states {1e3 * camera.lattice.pitch_mm:.2f} um ({stated_px:.3f} px): "
-            "correct it, or camera.sensor.pixel_pitch_mm"
+            "correct it, or camera.sensor.pixel_pitch_mm, or name this camera's own white image"
         )
     return found.pitch, read_offset(image, found)
 

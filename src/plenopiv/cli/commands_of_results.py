@@ -73,8 +73,8 @@ def correlate(
 
     \b
     Example:
-        plenopiv correlate run7/results --windows 96x96x24,48x48x12
-        plenopiv compare run7/results run7/results-96x96x24-48x48x12
+        plenopiv correlate run7/results --windows 96x96x32,48x48x16
+        plenopiv compare run7/results run7/results-96x96x32-48x48x16
         plenopiv correlate run7/results --windows 64x64x16 --overlap 0.75 --out run7/finer
         plenopiv correlate run7/results --ensemble --phase run7/encoder.csv --bins 12
     """

@@ -9,7 +9,7 @@ from typing import Any
 from plenopiv import optics
 from plenopiv.cameras.consistency import contradictions
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, printable
 from plenopiv.experiment import text
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
@@ -43,7 +43,9 @@ class OpticsSheet:
         """A number under one of these keys; an error that names the key where there is none."""
         found = self.value(table, *names)
         if isinstance(found, bool) or not isinstance(found, int | float):
-            problem = "is missing" if found is None else f"= {_short(found)} is no number"
+            problem = (
+                f"is missing{self._meant(table, names[0])}" if found is None else f"= {_short(found)} is no number"
+            )
             raise PlenoPIVError(f"{self.path}: {table}.{names[0]} {problem}")
         if not isfinite(found) or (found and not SMALLEST <= abs(found) <= LARGEST):
             raise PlenoPIVError(
@@ -51,6 +53,13 @@ class OpticsSheet:
                 "that of the key's name?"
             )
         return float(found)
+
+    def _meant(self, table: str, name: str) -> str:
+        """Which key of the table was meant by ``name``: one with another unit, or with none."""
+        section, stem = self.tables.get(table), name.rpartition("_")[0]
+        keys = map(str, section) if stem and isinstance(section, dict) else ()
+        near = next((key for key in keys if stem in (key, key.rpartition("_")[0])), None)
+        return f"; {table}.{printable(near)} is no key, units are in the names of keys" if near else ""
 
     def _positive(self, table: str, name: str) -> float:
         found = self.number(table, name)

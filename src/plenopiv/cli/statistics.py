@@ -86,7 +86,7 @@ def _lines(told: dict[str, Any], found: xarray.Dataset, files: list[str]) -> lis
         noise = told["median_noise_share"][k]
         lines.append(
             f"{name}         RMS at most {told['largest_rms_m_s'][k]:.4g} m/s, at x, y, z = {at} mm; "
-            f"{100 * (noise or 0):.2g} % of the normal stress are errors of vectors (median)"
+            f"{_of_noise(noise or 0)}"
         )
         error, of_rms = told["median_mean_std_m_s"][k], told["median_rms_std_m_s"][k]
         if error is not None and of_rms is not None:
@@ -99,6 +99,13 @@ def _lines(told: dict[str, Any], found: xarray.Dataset, files: list[str]) -> lis
         counts = ", ".join(f"{p:g}: {n}" for p, n in zip(found["phase"].values, found["pairs"].values, strict=True))
         lines.insert(1, f"phases    pairs at {counts}")
     return [*lines, *(f"written   {path}" for path in files)]
+
+
+def _of_noise(share: float) -> str:
+    """What part of the normal stress is random error of vectors; above 1 error bars are longer than the scatter."""
+    if share > 1.0:
+        return "the normal stress is no larger than random errors of vectors (median)"
+    return f"{100 * share:.2g} % of the normal stress are random errors of vectors (median)"
 
 
 def _text(value: float | None) -> str:
