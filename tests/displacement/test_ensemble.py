@@ -14,7 +14,7 @@ from plenopiv.displacement.multigrid import correlation_pass, measure
 from plenopiv.displacement.offset import discrete_offset, summed_offset
 from plenopiv.displacement.peaks import gaussian_offset
 from plenopiv.displacement.settings import CorrelationSettings
-from plenopiv.displacement.window_pass import PassVectors
+from plenopiv.displacement.window_pass import PassVectors, WindowPass
 from plenopiv.displacement.windows import window_grid
 from plenopiv.errors import PlenoPIVError
 from plenopiv.volume import DenseVolume, VoxelGrid
@@ -247,3 +247,22 @@ def test_a_flow_that_fluctuates_makes_error_bars_longer(particle_pair, uniform_f
     stated = np.median(np.concatenate([f.std.reshape(3, -1) for f in fields], 1))
     assert 0.03 < np.sqrt((error**2).mean()) < 0.07  # 0.15 / sqrt(10)
     assert 0.8 * 0.15 / np.sqrt(count) < stated < 2 * 0.15 / np.sqrt(count)
+
+
+def test_a_peak_is_the_sum_of_what_pairs_and_blocks_add_to_it(particle_pair, uniform_flow):
+    """As it is fitted, corrected for overlap: contributions of all pairs against the summed correlation."""
+    pairs = [particle_pair((24, 32, 32), uniform_flow((0.2, -0.3, 0.4)), 60 / 16**3, seed=seed) for seed in (1, 2)]
+    settings = replace(PLAIN, whitening=0.5, smoothing_voxels=0.8)
+    summed, windows = SummedPairs(pairs, settings), window_grid((24, 32, 32), (16, 16, 16), 0.5)
+    batches = WindowPass(windows, None, settings, 0.25, (24, 32, 32))
+    peaks = summed._peaks(batches, range(batches.layers), PassVectors(windows), lambda *_: None)
+    total = np.zeros_like(peaks.total)
+
+    def add(layer, part, spectra):
+        own = batches.correlator.contributions(spectra, peaks.place[layer, part], peaks.power[layer, part])
+        total[layer, part] += own.sum(1)
+
+    for pair in summed:
+        batches.each_batch(*pair, add)
+    assert (np.abs(peaks.power - 1) > 0.05).any()
+    np.testing.assert_allclose(total, peaks.total, rtol=2e-3)

@@ -184,11 +184,8 @@ def raised(near: jax.Array, gains: list[jax.Array], powers: jax.Array) -> list[j
     flat, out = near.reshape(len(near), 27), []
     for axis, gain in enumerate(gains):
         left, middle, right = (flat[:, k] for k in (FACES[2 * axis], MIDDLE, FACES[2 * axis + 1]))
-        least = jnp.minimum(jnp.minimum(left, middle), right)
-        logs = (jnp.log(jnp.where(least > 0, each, 1.0)) for each in (left, middle, right))
-        left, middle, right = (
-            jnp.where(least > 0, log, each) for log, each in zip(logs, (left, middle, right), strict=True)
-        )
+        positive = jnp.minimum(jnp.minimum(left, middle), right) > 0
+        left, middle, right = (jnp.log(jnp.where(positive, each, 1.0)) for each in (left, middle, right))
         bend = 2 * middle - left - right
         row = powers[2 - axis]
         knots = row.size - PLAIN
@@ -196,7 +193,8 @@ def raised(near: jax.Array, gains: list[jax.Array], powers: jax.Array) -> list[j
         at = jnp.clip(at, 0, knots - 1)
         below = jnp.minimum(at.astype(jnp.int32), knots - 2)
         low, high = row[PLAIN + below], row[PLAIN + below + 1]
-        out.append(gain ** (low + (at - below) * (high - low))[:, None])
+        power = jnp.where(positive, low + (at - below) * (high - low), 1.0)
+        out.append(gain ** power[:, None])
     return out
 
 

@@ -5,7 +5,8 @@ windows.py      where the windows lie, and a batch of them in memory
 transforms.py   windows to spectra and back, sixteen lines at a time; butterflies.py their kernels
 spectra.py      kernels: windows weighted, transformed, whitened, multiplied, and transformed back
 agreement.py    weights of the places where two deformed windows show the same particles
-correlation.py  one batch of windows: FFT, and its normalisation by overlap
+correlation.py  one batch of windows: FFT, and the overlap of their weights
+overlap.py      what that overlap does to peaks after whitening and smoothing
 peaks.py        the peak and its sub-voxel position
 offset.py       after the first pass: discrete window offset; offset_kernels.py its kernels
 predictor.py    displacement between the vectors; the filter between passes

@@ -21,8 +21,8 @@ ONES = np.ones((1, 1, 1, 1), np.float32)
 class Spectra:
     """Transforms of a batch of windows a + i b, each window weighted and of zero mean (batch, floats; ``transforms``).
 
-    ``gain``: what the correlation is multiplied by along z, y, x for the overlap of the weights, 1/C(d): (batch or 1,
-    2 r + 3) each.
+    ``gain``: 1/C(d) along z, y, x, (batch or 1, 2 r + 3) each: powers of it correct the correlation for the overlap of
+    the weights.
     ``lit`` (batch,): whether both windows hold more than one value; of uniform windows only rounding would correlate.
     """
 

@@ -1,13 +1,15 @@
 """The overlap of two windows pulls their correlation peak to zero; by how much, after whitening and smoothing.
 
-Windows with weights w share C(d) = sum_x w(x) w(x + d) / sum_x w(x)^2 of their light at a displacement d. A particle
-image of width s that moved by D gives, along one axis, the plain correlation G(d - D) C(d) with G a Gaussian of
-variance s^2, and division by C makes its maximum D again. Whitening and smoothing act on the product, not on G:
+Windows with weights w share C(d) = sum_x w(x) w(x + d) / sum_x w(x)^2 of their light at a displacement d. Particle
+images that moved by D give, along one axis, the plain correlation G(d - D) C(d), G a Gaussian of variance s^2 (twice
+that of an image), and division by C makes its maximum D again. Whitening and smoothing act on the product, not on G:
 
     R = F^-1[ S |S|^-whitening F ],   S = F[G(d - D) C],   F the filter,
 
 so that division by C then corrects too little of a whitened peak, too much of a smoothed one. C^power is right, with a
-power that depends on s alone (``powers``), and s is seen in the curvature of the peak, which grows as s falls.
+power that depends on s alone (``powers``), and s is seen in the curvature of the peak, which grows as s falls. It is
+right for the fraction of a voxel that deformation leaves; a voxel or more is taken too large, by 5 % with default
+settings.
 """
 
 from __future__ import annotations
@@ -19,8 +21,9 @@ from numpy.typing import NDArray
 
 _MOVED = 0.25  # D, voxels
 _WIDTHS = np.geomspace(0.5, 64.0, 48)  # s^2, voxel^2
-_LEAST_LEFT = 0.6  # of D in a peak, below which the power grows no more: noise grows with it
-_KNOTS = 32
+_LEAST_LEFT = 0.5  # of D in a peak that is corrected in full; of others this part is left out: noise grows with it
+_NARROWEST = 0.4  # 1/K, voxel^2, of a peak that three voxels still tell
+_KNOTS, _LONGER = 48, 3.0  # the widest peak of the table has this many times the 1/K of one corrected in full
 _TELLING, _USUAL = 1.2, 4.0  # ratio of 1/K over all widths below which K tells none; the s^2 that is taken then
 PLAIN = 2  # where the powers begin in a row of ``powers``
 
@@ -55,26 +58,33 @@ def powers(n: int, around: int, taper: float, variance: float, whitening: float)
     steps of 1/K between knots, one over another, then the power at each knot.
 
     ``n``: voxels of the window; ``around``: period of its transforms; ``variance``: of the Gaussian that smooths both
-    windows (voxel^2). K is minus the second difference of log R about the highest voxel.
+    windows (voxel^2). K is minus the second difference of log R about the highest voxel. Powers are 0 or more; 1
+    where three voxels do not tell a peak.
     """
     lag = np.arange(1 - n, n)
     shared = overlap(fade(n, taper))
+    bent = -2 * np.log(shared[n])  # curvature of C at no displacement
     waves = 2 * np.pi * np.fft.fftfreq(around)
-    inverse, power = [], []
+    known: list[tuple[float, float, float]] = []  # s^2, 1/K, power
     for width in _WIDTHS:
         product = np.exp(-((lag - _MOVED) ** 2) / (2 * width)) * shared
-        folded = np.bincount(lag % around, product, around)
-        spectrum = np.fft.fft(folded)
+        spectrum = np.fft.fft(np.bincount(lag % around, product, around))
         strength = np.maximum(np.abs(spectrum), 1e-9 * np.abs(spectrum[0]))
-        peak = np.fft.ifft(spectrum * strength**-whitening * np.exp(-variance * waves**2)).real
-        left, middle, right = np.log(np.maximum(peak[[-1, 0, 1]], 1e-30))
+        peak = np.fft.ifft(spectrum * strength**-whitening * np.exp(-variance * waves**2)).real[[-1, 0, 1]]
+        if peak.min() <= 0.0:
+            continue
+        left, middle, right = np.log(peak)
         bend = 2 * middle - left - right
         kept = 0.5 * (right - left) / bend / _MOVED  # of the displacement
-        if kept < _LEAST_LEFT:
-            break
-        inverse.append(1 / bend)
-        power.append(bend * (1 - kept) / (-2 * np.log(shared[n])))
-    if inverse[-1] < _TELLING * inverse[0]:  # phases alone: all peaks are alike
-        return np.array([0.0, 1.0, *np.full(_KNOTS, np.interp(_USUAL, _WIDTHS[: len(power)], power))])
-    knots = np.linspace(inverse[0], inverse[-1], _KNOTS)
-    return np.array([knots[0], 1 / (knots[1] - knots[0]), *np.interp(knots, inverse, power)])
+        if _LEAST_LEFT <= kept <= 1.0 and 1 / bend >= _NARROWEST:
+            known.append((width, 1 / bend, bend * (1 - kept) / bent))
+    if not known:  # peaks too narrow for three voxels
+        return np.array([0.0, 1.0, *np.ones(_KNOTS)])
+    widths, inverse, power = np.array(known).T
+    if inverse.max() < _TELLING * inverse.min():  # nearly phases alone: all peaks are alike
+        return np.array([0.0, 1.0, *np.full(_KNOTS, np.interp(_USUAL, widths, power))])
+    falls = np.flatnonzero(np.diff(inverse) <= 0)  # of narrow peaks, between voxels
+    inverse, power = (v[falls.max(initial=-1) + 1 :] for v in (inverse, power))
+    knots = np.linspace(inverse[0], _LONGER * inverse[-1], _KNOTS)
+    most = (1 - _LEAST_LEFT) / (knots * bent)  # C^power takes no more of a peak's curvature
+    return np.array([knots[0], 1 / (knots[1] - knots[0]), *np.minimum(np.interp(knots, inverse, power), most)])

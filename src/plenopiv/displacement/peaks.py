@@ -168,9 +168,12 @@ def find_peaks(
 
 
 @part
-def power_at(row: NDArray[np.float64], bend: float) -> float:
-    """The power of ``overlap.powers`` for a peak whose curvature is ``bend``."""
-    knots = row.size - PLAIN
+def power_for(row: NDArray[np.float64], left: float, centre: float, right: float) -> float:
+    """The power of ``overlap.powers`` for a peak and its neighbours; 1 where one of them is not positive and the
+    curvature would have a unit."""
+    if not (left > 0.0 and centre > 0.0 and right > 0.0):
+        return 1.0
+    knots, bend = row.size - PLAIN, curvature(left, centre, right)
     at = (1.0 / bend - row[0]) * row[1] if bend > 0.0 else float(knots)
     at = min(max(at, 0.0), knots - 1.0)
     below = min(int(at), knots - 2)
@@ -190,9 +193,9 @@ def raise_gain(
 ) -> None:
     """The gain along x, y, z, raised to the powers that suit the peak at a voxel: ``raised`` (3, n)."""
     nz, ny, nx = c.shape  # the middle of each is no displacement
-    power[0] = power_at(powers[0], curvature(c[z, y, x - 1], c[z, y, x], c[z, y, x + 1]))
-    power[1] = power_at(powers[1], curvature(c[z, y - 1, x], c[z, y, x], c[z, y + 1, x]))
-    power[2] = power_at(powers[2], curvature(c[z - 1, y, x], c[z, y, x], c[z + 1, y, x]))
+    power[0] = power_for(powers[0], c[z, y, x - 1], c[z, y, x], c[z, y, x + 1])
+    power[1] = power_for(powers[1], c[z, y - 1, x], c[z, y, x], c[z, y + 1, x])
+    power[2] = power_for(powers[2], c[z - 1, y, x], c[z, y, x], c[z + 1, y, x])
     for i in range(nx):
         raised[0, i] = gain[2][i] ** power[0]
     for j in range(ny):

@@ -76,7 +76,7 @@ class ScatterCorrelator(WindowCorrelator):
     def contributions(
         self, spectra: Spectra, place: NDArray[np.int64], power: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """``block_sums`` (batch, blocks, 7) of the blocks of a batch, normalised by overlap."""
+        """``block_sums`` (batch, blocks, 7) of the blocks of a batch, corrected for overlap."""
         pairs, blocks = self.filtered(spectra), self.blocks
         sums = np.zeros((len(pairs), int(blocks.prod()), 7))
         block_sums(pairs, self.around, place, blocks, sums)
