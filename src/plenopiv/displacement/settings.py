@@ -12,7 +12,7 @@ Sides = tuple[float, float, float]
 
 
 SMALLEST = 8  # voxels of a window along an axis
-SUB_WINDOW = 0.75, 0.75, 0.875  # default sides of a sub-window, as fractions of the last window's along x, y, z
+SUB_WINDOW = 0.75, 0.75, 0.8125  # default sides of a sub-window, as fractions of the last window's along x, y, z
 
 
 class Pass(NamedTuple):
@@ -29,7 +29,7 @@ class CorrelationSettings:
     ``windows``: interrogation windows, coarse to fine. ``overlap``: of neighbouring windows, as a fraction of a window.
     ``inner_window``: sub-windows, smaller than the last of ``windows``; a vector of that window is the mean of the
     sub-windows' vectors over most of it (``displacement.resolution``). None: 0.75 of the last of ``windows`` along x
-    and y, 0.875 along z, where particles are long; 8 voxels at least. As large as the last of ``windows``: no
+    and y, 0.8125 along z, where particles are long; 8 voxels at least. As large as the last of ``windows``: no
     sub-windows.
     ``inner_overlap``: of sub-windows.
     ``coarse_passes``, ``fine_passes``: passes with each coarse window size and with the finest one. All but the very
