@@ -15,7 +15,6 @@ from plenopiv.chain import Chain
 from plenopiv.io import write_velocity
 from plenopiv.lightfield import decode, layout
 from plenopiv.reconstruction.noise import counts_per_electron
-from plenopiv.velocity import velocity_dataset
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "ring")
 experiment = plenopiv.load(folder / "experiment.toml")
@@ -48,7 +47,7 @@ print("               residual by iteration, counts:", *(f"{counts:.1f}" for cou
 displacement = chain.displacement(found[0].volume, found[1].volume)  # planes near focus count less
 print(f"displacement   {displacement.displacement.shape} (component x y z, z, y, x), voxels per frame")
 
-velocity = velocity_dataset(displacement, grid, recording.dt_s, time_s=0.5 * recording.dt_s)
+velocity = chain.dataset(displacement, recording.dt_s, time_s=0.5 * recording.dt_s)
 write_velocity(folder / "stage_by_stage.nc", velocity)
 print(f"velocity       {dict(velocity.sizes)}: {', '.join(map(str, velocity.data_vars))}")
 print("written:", folder / "stage_by_stage.nc")

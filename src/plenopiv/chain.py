@@ -293,7 +293,7 @@ class Chain:
         Raises:
             PlenoPIVError: as ``displacement``; ``dt_s`` is not positive.
         """
-        return self._dataset(self.displacement(a, b, progress), dt_s, time_s)
+        return self.dataset(self.displacement(a, b, progress), dt_s, time_s)
 
     def ensemble(
         self,
@@ -310,10 +310,15 @@ class Chain:
             PlenoPIVError: there is no pair; else as ``velocity``.
         """
         found = measure_ensemble(_Weighted(self, pairs), self.correlation, progress, self.solid, self.depth_weights)
-        return self._dataset(found, dt_s, time_s)
+        return self.dataset(found, dt_s, time_s)
 
-    def _dataset(self, field: DisplacementField, dt_s: float, time_s: float) -> xarray.Dataset:
-        """``velocity_dataset``, with what lies near focus where one plenoptic camera sees it."""
+    def dataset(self, field: DisplacementField, dt_s: float, time_s: float = 0.0) -> xarray.Dataset:
+        """The velocity field of a displacement field in ``dt_s``, m/s at mid-time ``time_s`` (``velocity_dataset``); of
+        one plenoptic camera it says which vectors lie near focus.
+
+        Raises:
+            PlenoPIVError: ``dt_s`` is not positive.
+        """
         near, camera = None, self.cameras[0]
         if len(self.cameras) == 1 and isinstance(camera, PlenopticCamera):
             index = field.x, field.y, field.z

@@ -79,7 +79,7 @@ def test_the_vectors_of_a_whole_run_with_these_windows_bit_for_bit(masked, resul
     same_bits(read_velocity(made / "pairs/pair-0001.nc"), read_velocity(whole.directory / "pairs/pair-0001.nc"))
     resolved = tomllib.loads((made / "experiment.toml").read_text())
     assert resolved["correlation"]["windows"] == WINDOWS
-    assert resolved["correlation"]["inner_window"] == [24, 24, 15]  # of the new last window
+    assert resolved["correlation"]["inner_window"] == [24, 24, 16]  # of the new last window
     assert Experiment.load(made / "experiment.toml").recording().names == ["a.tif", "b.tif", "c.tif"]
     summary = json.loads((made / "summary.json").read_text())
     assert summary["volumes_of"] == str(results)
