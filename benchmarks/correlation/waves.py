@@ -33,7 +33,7 @@ HERE = Path(__file__).parent
 RECORDED, PAGE = HERE / "waves.json", HERE.parents[1] / "docs" / "resolution.md"
 DEFAULT = CorrelationSettings()
 SETTINGS = {
-    "default: sub-windows 48 x 48 x 14": DEFAULT,
+    "default: sub-windows 48 x 48 x 13": DEFAULT,
     "sub-windows 48 x 48 x 12": replace(DEFAULT, inner_window=(48, 48, 12)),
     "sub-windows 40 x 40 x 10": replace(DEFAULT, inner_window=(40, 40, 10)),
     "no sub-windows": replace(DEFAULT, inner_window=DEFAULT.windows[-1]),
