@@ -37,7 +37,7 @@ def test_a_key_by_its_name_and_nothing_else(experiment):
 
 
 def test_defaults_that_follow_others_still_follow(experiment):
-    assert experiment.changed(windows=[[64, 64, 16]]).correlation.settings().passes[-1].window == (48, 48, 12)
+    assert experiment.changed(windows=[[64, 64, 16]]).correlation.settings().passes[-1].window == (48, 48, 13)
     assert experiment.changed(inner_window=[40, 40, 10]).changed(inner_window=None) == experiment
 
 

@@ -273,7 +273,7 @@ def test_images_of_a_target_are_the_same_elsewhere(tmp_path):
 def test_the_resolved_file_is_the_same_experiment_elsewhere(tmp_path):
     experiment = Experiment.from_dict(tomllib.loads(TEXT), tmp_path / "run7" / "experiment.toml")
     same = Experiment.from_dict(tomllib.loads(experiment.dump_toml()))
-    assert same.correlation.inner_window == experiment.correlation.settings().sub_window == (48, 48, 12)
+    assert same.correlation.inner_window == experiment.correlation.settings().sub_window == (48, 48, 13)
     assert same.correlation.settings().passes == experiment.correlation.settings().passes
     assert same.model_dump(exclude={"correlation"}) == experiment.model_dump(exclude={"correlation"})
     results = tmp_path / "run7" / "results"
