@@ -78,6 +78,7 @@ class WindowCorrelator:
         turn = waves[0][: self.around[0] // 2 + 1] * self._shifts[0][:, None]
         self._turns = np.stack([np.cos(turn), -np.sin(turn)], -1) * _times_seen(self.around[0])[:, None]
         self._turns = (self._turns / np.prod(self.around)).astype(np.float32)
+        self._whole = self._of_cut(np.zeros((1, 3, 2)))
 
     def spectra(
         self,
@@ -94,8 +95,7 @@ class WindowCorrelator:
         particles, not with the window, so C leaves it out. ``depth`` (batch, nz): another one, along z
         (``depth_weights``); C with it multiplies the noise of displacements near focus by 1.5.
         """
-        (z, y, x), count = self._fades(cuts), a.begin.size
-        gain = self.gain(cuts)
+        ((z, y, x), gain), count = self._fades_and_gain(cuts), a.begin.size
         z = z if depth is None else z * depth
         if len({len(z), len(y), len(x)}) > 1:
             z, y, x = (v if len(v) == count else np.repeat(v, count, 0) for v in (z, y, x))
@@ -116,20 +116,23 @@ class WindowCorrelator:
 
     def gain(self, cuts: NDArray[np.float64] | None) -> Gain:
         """``Spectra.gain`` of windows with these ``cuts``."""
-        z, y, x = (
-            (1 / overlaps(fade, shifts)).astype(np.float32)
-            for fade, shifts in zip(self._fades(cuts), self._shifts, strict=True)
-        )
-        return z, y, x
+        return self._fades_and_gain(cuts)[1]
 
-    def _fades(self, cuts: NDArray[np.float64] | None) -> Gain:
-        """The factors of w along z, y and x, (batch, n) each, or one for all where windows do not differ."""
-        cuts = np.zeros((1, 3, 2)) if cuts is None or not cuts.any() else cuts
+    def _fades_and_gain(self, cuts: NDArray[np.float64] | None) -> tuple[Gain, Gain]:
+        """The factors of w along z, y and x, (batch, n) each, and the gain; of one window where none is cut."""
+        return self._whole if cuts is None or not cuts.any() else self._of_cut(cuts)
+
+    def _of_cut(self, cuts: NDArray[np.float64]) -> tuple[Gain, Gain]:
+        """``_fades_and_gain`` of each window, made anew."""
         z, y, x = (
             fade(n, self.taper, of_axis[:, :1], of_axis[:, 1:]).astype(np.float32)
             for n, of_axis in zip(self.size, np.moveaxis(cuts, 1, 0), strict=True)
         )
-        return z, y, x
+        of_z, of_y, of_x = (
+            (1 / overlaps(each, shifts)).astype(np.float32)
+            for each, shifts in zip((z, y, x), self._shifts, strict=True)
+        )
+        return (z, y, x), (of_z, of_y, of_x)
 
 
 def _times_seen(n: int) -> NDArray[np.float64]:
