@@ -38,10 +38,10 @@ def bounds() -> dict[str, str]:
     return {"lowest": f"numba=={lowest}", "highest": str(numba)}
 
 
-def sources_hash() -> str:
-    """Of all that is tested here."""
+def sources_hash(names: tuple[str, ...] = TESTED) -> str:
+    """Of the Python files there; all that is tested here."""
     digest = hashlib.sha256()
-    for name in TESTED:
+    for name in names:
         path = ROOT / name
         for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
             digest.update(file.relative_to(ROOT).as_posix().encode() + b"\0" + file.read_bytes())

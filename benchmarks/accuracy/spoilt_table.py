@@ -79,7 +79,7 @@ def row(case: Case, folder: Path) -> str:
     std = to_voxels * [float(velocity[f"{name}_std"].median()) for name in "uvw"]
     raw = velocity["u_raw"].values.ravel() * to_voxels[0]
     whole = float(np.mean(np.abs(raw - np.rint(raw)) < 0.1)) / 0.2
-    residual = next(iter(summary["reconstruction"].values()))["residual_counts_by_round"]
+    residual = next(iter(summary["reconstruction"].values()))["residual_counts_by_iteration"]
     try:
         particles = made.a.position_mm, made.b.position_mm
         score = score_velocity(

@@ -63,7 +63,7 @@ def page(rows: list[Row], noise: dict[str, float], conditions: dict[str, str]) -
     return "\n".join(parts) + "\n"
 
 
-def by_round(rows: list[Row]) -> str:
+def by_iteration(rows: list[Row]) -> str:
     """RMS along z off focus after 1, 2, 3 and 5 iterations, and after the last where that is another."""
     value = {row["round"]: f"{row['off_focus'][2]:.3f}" for row in rows if "off_focus" in row}
     last = max(value, default=0)
@@ -86,7 +86,7 @@ def summary(rows: list[Row]) -> str:
             lines.append(f"| {name} | diverges |  |  |  |  |")
             continue
         centre = f"{alone[-1]['centre'][2]:.3f}" if alone else ""
-        cells = name, f"{pair[-1]['q']:.3f}", three(pair[-1]["error"]), by_round(pair), by_round(dim), centre
+        cells = name, f"{pair[-1]['q']:.3f}", three(pair[-1]["error"]), by_iteration(pair), by_iteration(dim), centre
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 

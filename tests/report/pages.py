@@ -39,7 +39,7 @@ SUMMARY = {
     "peak_memory_gb": {"correlation": 0.4},
     "versions": {"numpy": "2.0"},
     "lattice": {"pitch_mm": 0.077},
-    "reconstruction": {"a.tif": {"residual_counts_by_round": [5.0, 3.0, 2.5]}},
+    "reconstruction": {"a.tif": {"residual_counts_by_iteration": [5.0, 3.0, 2.5]}},
 }
 
 

@@ -72,7 +72,7 @@ def test_there_are_fifty():
 
 def everywhere(text):
     """A summary with one text wherever a run puts names, words or keys."""
-    frame = {"residual_counts_by_round": [2.0, 1.0], text: text}
+    frame = {"residual_counts_by_iteration": [2.0, 1.0], text: text}
     return SUMMARY | {
         "warnings": [text],
         "timings_s": {text: 1.0},

@@ -70,7 +70,7 @@ def test_a_whole_run_and_the_usual_one(experiment, upright, capsys):
         for folder in (experiment.output_directory, upright.directory)
     )
     assert one["candidate_share"] == pytest.approx(other["candidate_share"], rel=1e-4)
-    np.testing.assert_allclose(one["residual_counts_by_round"], other["residual_counts_by_round"], rtol=1e-3)
+    np.testing.assert_allclose(one["residual_counts_by_iteration"], other["residual_counts_by_iteration"], rtol=1e-3)
 
 
 def test_ensembles_stay_on_this_processor(upright, tmp_path, capsys):

@@ -88,7 +88,8 @@ def test_the_results_folder(finished, capsys):
     assert {"velocity.png", "velocity.pdf", "residuals.pdf"} < {path.name for path in (folder / "figures").iterdir()}
     assert summary["calibration"]["residual_px"] < 0.05
     assert summary["reconstruction"]["a.tif"]["candidate_share"] < 0.5
-    assert len(summary["reconstruction"]["b.tif"]["residual_counts_by_round"]) == experiment.reconstruction.iterations
+    residuals = summary["reconstruction"]["b.tif"]["residual_counts_by_iteration"]
+    assert len(residuals) == experiment.reconstruction.iterations
     assert set(summary["timings_s"]) >= {"calibration", "reconstruction", "correlation"}
     assert sys.platform == "win32" or 0.05 < summary["peak_memory_gb"]["correlation"] < 4
     resolved = Experiment.load(folder / "experiment.toml")

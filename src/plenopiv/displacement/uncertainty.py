@@ -1,6 +1,6 @@
 """Standard deviation of every vector, from the scatter of its own particles and from the neighbouring vectors.
 
-It has three parts. Only the threshold of the third, and its factor with sub-windows, were chosen by coverage; coverage
+It has three parts. Only the threshold of the third, and its share with sub-windows, were chosen by coverage; coverage
 as measured is in docs/uncertainty.md.
 
 1. *Scatter.* The sum that makes a correlation peak is split into the contributions of blocks of the window. Each
@@ -23,7 +23,9 @@ as measured is in docs/uncertainty.md.
     std^2 = K s^2 + (q^2 where q^2 > 4 c K s^2)
 
 With sub-window averaging (``sub_windows``) the noise is that of the mean (``NoiseAmplification.variance_of_mean``), and
-a quarter of the mean q^2 is added, also chosen by coverage.
+a part of the mean q^2 less the mean of its noise, c K s^2, is added. Averaged over a window that difference is
+certain enough to need no threshold, above which noise alone would add a fifth to the variance of the mean. The part,
+0.30, was chosen by coverage.
 
 Errors common to both frames (light without depth near focus, calibration) are not included.
 """
@@ -48,7 +50,7 @@ _BLOCKS = 4  # along each axis
 _THINNEST = (12, 4, 4)  # along z, y, x, voxels: longer than a particle; fewer blocks where they would be thinner
 _NEIGHBOURS = 26  # vectors whose variance a replaced one takes; as many as its value is fitted to
 _MEAN_SQUARE_STEPS = 26 / (6 + 12 / 2 + 8 / 3)  # <r^2> of the 26 neighbours weighted by r^-2, in steps^2
-_BIAS_OF_MEAN = 0.25  # of the sub-windows' mean q^2, in the variance of their mean
+_BIAS_OF_MEAN = 0.3  # of the sub-windows' mean q^2 less its noise, in the variance of their mean
 _SINGLE, _OF_MEANS = 1.0, 1e-3  # by what part less a block counts, in the variance of vectors and for means of them
 _SIGNIFICANT = 2.0  # standard deviations of its noise above which q counts as averaging bias
 
@@ -256,8 +258,8 @@ def standard_deviation(
     """
     amplification = noise_amplification(windows, settings)
     noise = amplification.gain * variance
-    bias = averaging_bias(displacement, windows) ** 2
-    bias = np.where(bias > _SIGNIFICANT**2 * amplification.bias_share * noise, bias, 0.0)
+    bias, of_noise = averaging_bias(displacement, windows) ** 2, amplification.bias_share * noise
+    bias = np.where(bias > _SIGNIFICANT**2 * of_noise, bias, 0.0) if whole is None else bias - of_noise
     out = np.stack([noise, bias])
     if valid.any() and not valid.all():
         known, missing = np.argwhere(valid), np.argwhere(~valid)
@@ -270,7 +272,7 @@ def standard_deviation(
         return np.sqrt(out.sum(0))
     share = averaged_share(settings)
     constant = mean_weights(whole, windows, extrapolate=False, share=share)
-    bias = mean_over(out[1], constant)
+    bias = np.maximum(mean_over(out[1], constant), 0.0)
     noise = mean_over(np.sqrt(out[0]), constant) ** 2
     # replaced sub-windows come from the same few neighbours: a mean over them has no less noise
     of_mean = amplification.variance_of_mean(mean_weights(whole, windows, extrapolate=True, share=share))

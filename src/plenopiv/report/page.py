@@ -195,7 +195,7 @@ def _reconstruction(
             drawn("volume", figures.volume_figure(views), "maximum projections of the volume", "chart"),
         ]
     frames = summary.get("reconstruction", {})
-    residuals = {name: frame["residual_counts_by_round"] for name, frame in islice(frames.items(), FRAMES)}
+    residuals = {name: frame["residual_counts_by_iteration"] for name, frame in islice(frames.items(), FRAMES)}
     if residuals:
         content += [
             subheading(

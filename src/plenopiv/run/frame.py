@@ -59,7 +59,7 @@ class Frame:
             "typical_particle_counts": self.found.particle,
             "threshold_counts": self.found.threshold,
             "candidate_share": self.found.candidates,
-            "residual_counts_by_round": list(self.found.residuals),
+            "residual_counts_by_iteration": list(self.found.residuals),
             "voxels_kept": int(self.found.volume.column.size),
             "unexplained_share": self.unexplained,
         }

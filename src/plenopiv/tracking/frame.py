@@ -17,10 +17,10 @@ from plenopiv.tracking.refine import UNIT_MM, Fit, Prior, fit_light, prior_std_m
 from plenopiv.tracking.search import places_of_light
 from plenopiv.volume import Limits
 
-ROUNDS = 8  # of fitting and searching, at most
-FIRST_STEPS, STEPS = 4, 3  # Gauss-Newton iterations of the first round, and of those after it
+PASSES = 8  # of fitting and searching, at most
+FIRST_STEPS, STEPS = 4, 3  # Gauss-Newton iterations of the first pass, and of those after it
 NEIGHBOURS = 12  # whose parameters are free where particles are judged on the way
-FEW = 0.01  # share of particles left out and found below which no other round follows
+FEW = 0.01  # share of particles left out and found below which no other pass follows
 LAST_STEPS = 6
 STILL = 0.03  # standard deviations by which its own pixels must pull a particle for it to move, in the last fit ...
 ROUGHLY = 0.1  # ... and on the way
@@ -68,7 +68,7 @@ def particles_of_frame(
     lights = of_points(position_mm)
     light = fit_light(lights, pixels, light)
     position = position_mm
-    for done in range(ROUNDS):
+    for done in range(PASSES):
         fit = refine(of_points, pixels, position, light, prior, STEPS if done else FIRST_STEPS, lights, ROUGHLY)
         pixels = _with_noise(pixels, fit)
         out = without_evidence(fit, covariance_of(fit.normal, NEIGHBOURS), misfit(fit, pixels.usable))
@@ -76,7 +76,7 @@ def particles_of_frame(
         excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
         new, _ = places_of_light(of_points, excess, limits_mm)
         if progress is not None:
-            progress(done + 1, ROUNDS + 1)
+            progress(done + 1, PASSES + 1)
         if len(light) == 0:
             raise PlenoPIVError(NONE)
         typical = float(np.median(light))

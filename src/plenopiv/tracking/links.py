@@ -27,7 +27,7 @@ from plenopiv.tracking.frame import FrameParticles
 
 GATE = 25.0  # cost of a particle that is not linked: 4 degrees of freedom exceed it once in 20,000
 CLEAR = 6.0  # by which another partner must cost more than the one that is taken
-ROUNDS = 3
+PASSES = 3
 NEIGHBOURS = 20  # linked particles around, whose departures from the predictor tell a particle's own
 RIDGE = 0.5  # of slopes against neighbours: fewer than some of them on one side make no slope
 COVERED, COVERED_STD = 0.95, 1.96  # the scatter is that of a normal distribution with the same 95 %
@@ -65,7 +65,7 @@ def link(
     scatter, departure = np.asarray(scatter_mm, np.float64), np.zeros_like(predicted)
     ratio = _ratio_of_light(first, second)
     found = Links(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), scatter)
-    for _ in range(ROUNDS):
+    for _ in range(PASSES):
         found = _assigned(first, second, predicted + departure, scatter, ratio, most_mm)
         if len(found.a) <= NEIGHBOURS + 1:
             return found

@@ -114,9 +114,9 @@ def refine(
     return Fit(position, light, normal, lights, residual, variance)
 
 
-def fit_light(lights: Lights, pixels: Pixels, light: Array, rounds: int = 3) -> Array:
+def fit_light(lights: Lights, pixels: Pixels, light: Array, iterations: int = 3) -> Array:
     """The light (n,) in counts that fits best where ``lights`` are; positive."""
-    for _ in range(rounds):
+    for _ in range(iterations):
         residual, variance = _residual(lights, pixels, light)
         weight = np.where(pixels.usable, 1.0 / variance, 0.0)[lights.pixel]
         share = bsr_array(
