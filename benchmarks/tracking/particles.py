@@ -33,11 +33,12 @@ from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
 from plenopiv.simulation.simulated_recording import Seeding, seed_pair
 from plenopiv.tracking.covariance import covariance_of
+from plenopiv.tracking.equations import UNIT_MM
 from plenopiv.tracking.frame import particles_of_frame
 from plenopiv.tracking.light import PointLights
 from plenopiv.tracking.peaks import peaks
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.refine import UNIT_MM, Prior, refine
+from plenopiv.tracking.refine import Prior, refine
 from plenopiv.volume import VoxelGrid
 
 RECORD = Path(__file__).with_name("particles.json")
@@ -109,7 +110,7 @@ def _bound_mm(of_points: PointLights, truth: Particles, pixels: Pixels) -> np.nd
     light = SensorNoise().gain * truth.electrons
     wide = Prior(truth.position_mm, np.full(3, 1e3))
     fit = refine(of_points, pixels, truth.position_mm, light, wide, 0)
-    return np.sqrt(np.einsum("nii->ni", covariance_of(fit.normal)))[:, :3] * UNIT_MM
+    return np.sqrt(np.einsum("nii->ni", covariance_of(fit)))[:, :3] * UNIT_MM
 
 
 def _scored(truth, found, partner, whole, bound, band) -> dict:

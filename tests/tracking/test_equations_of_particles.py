@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from particle_scenes import CAMERA, GAIN, LIMITS, noisy, pixels_of, seeded
 
-from plenopiv.tracking import refine as of_refine
+from plenopiv.tracking.equations import UNIT_MM, normal_equations, own_equations
+from plenopiv.tracking.evidence import misfit
 from plenopiv.tracking.light import PointLights
-from plenopiv.tracking.refine import UNIT_MM, Prior, prior_std_mm, refine
+from plenopiv.tracking.pixels import Pixels
+from plenopiv.tracking.refine import Prior, fit_light, prior_std_mm, refine
 
 PIXELS = CAMERA.sensor.columns * CAMERA.sensor.rows
 
@@ -34,10 +36,10 @@ def test_equations_are_those_of_dense_matrices(scene):
     columns = [dense(lights, lights.gradient[:, k]) * UNIT_MM[k] for k in range(3)] + [dense(lights, lights.share)]
     jacobian = np.stack(columns, 1) * light[:, None, None] * weight  # (points, 4, pixels)
     whole = np.einsum("ipx,jqx->ipjq", jacobian, jacobian, optimize=True).reshape(4 * len(light), -1)
-    normal = of_refine.normal_equations(lights, light, weight)
+    normal = normal_equations(lights, light, weight)
     scale = np.sqrt(np.diag(whole))
     assert normal.toarray() / scale / scale[:, None] == pytest.approx(whole / scale / scale[:, None], abs=1e-5)
-    own, slope = of_refine.own_equations(lights, light, weight, pull)
+    own, slope = own_equations(lights, light, weight, pull)
     right = np.einsum("ipx,x->ip", jacobian, pull.astype(float))
     for n in range(len(light)):
         block = np.zeros((4, 4))
@@ -46,6 +48,29 @@ def test_equations_are_those_of_dense_matrices(scene):
             block += np.outer(row, row)
         assert own[n] == pytest.approx(block, abs=1e-5 * np.abs(block).max())
     assert slope / scale.reshape(-1, 4) == pytest.approx(right / scale.reshape(-1, 4), abs=1e-4)
+
+
+def test_light_alone_and_misfits_are_those_of_dense_matrices(scene):
+    """With a third of the pixels unusable, and the noise that ``Pixels`` states."""
+    lights, light = scene[:2]
+    every, usable = dense(lights, lights.share), np.random.default_rng(8).random(PIXELS) > 1 / 3
+    counts = np.where(usable, light @ every, 1e6)
+    pixels = Pixels(counts, usable, 4.0, GAIN)
+    found = fit_light(lights, pixels, light * np.linspace(0.8, 1.3, len(light)), 12)
+    assert found == pytest.approx(light, rel=1e-2)
+    fit = refine(PointLights(CAMERA), pixels, seeded(0.3).position_mm, 1.1 * light, prior_of(seeded(0.3)), 0)
+    off = misfit(fit, usable)
+    for n in (0, 5, len(light) - 1):
+        total = weight = 0.0
+        for e in range(lights.start[n], lights.start[n + 1]):
+            if usable[p := lights.pixel[e]]:
+                total += lights.share[e] * fit.residual[p] ** 2 / fit.variance[p]
+                weight += lights.share[e]
+        assert off[n] == pytest.approx(total / weight, rel=1e-6)
+
+
+def prior_of(truth):
+    return Prior(truth.position_mm, prior_std_mm(CAMERA))
 
 
 def test_lists_of_other_points(scene):
@@ -73,7 +98,7 @@ def test_particles_at_rest_stay_and_the_others_come_to_the_same_places():
     light = GAIN * truth.electrons
     every = refine(of_points, pixels, start, light, prior, 8)
     rested = refine(of_points, pixels, start, light, prior, 8, None, 0.03)
-    variance = np.linalg.inv(every.normal.toarray())
+    variance = np.linalg.inv(every.normal().toarray())
     std = np.sqrt(np.diag(variance)).reshape(-1, 4)[:, :3] * UNIT_MM
     inside = (np.abs(start) < np.array(LIMITS)[:, 1]).all(1) & beyond
     apart = np.abs(rested.position_mm - every.position_mm)[inside] / std[inside]

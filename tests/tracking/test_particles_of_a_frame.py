@@ -7,7 +7,8 @@ from particle_scenes import CAMERA, GAIN, LIMITS, VOXEL_MM, nearest, noisy, pixe
 from scipy.sparse import bsr_array
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.tracking.covariance import covariance_of
+from plenopiv.tracking import equations
+from plenopiv.tracking.covariance import covariance_among, covariance_of
 from plenopiv.tracking.frame import particles_of_frame
 from plenopiv.tracking.light import PointLights
 from plenopiv.tracking.peaks import peaks
@@ -101,9 +102,33 @@ def test_covariances_are_those_of_the_whole_inverse():
     dense += 10 * np.eye(24)
     blocks = bsr_array(dense, blocksize=(4, 4))
     inverse = np.linalg.inv(dense)
-    found = covariance_of(blocks)
-    for n in range(6):
-        assert found[n] == pytest.approx(inverse[4 * n : 4 * n + 4, 4 * n : 4 * n + 4], rel=1e-6)
+    found = covariance_among(blocks, np.array([4, 0, 5]))
+    for block, n in zip(found, (4, 0, 5), strict=True):
+        assert block == pytest.approx(inverse[4 * n : 4 * n + 4, 4 * n : 4 * n + 4], rel=1e-6)
+
+
+def test_particles_in_parts_are_those_of_all_at_once(monkeypatch, of_points):
+    """Six at a time, with all that share their pixels: covariances have the same bits, and fits come to the same."""
+    truth = seeded(0.5)
+    pixels, prior = pixels_of(noisy(truth.position_mm, truth.electrons)), Prior(truth.position_mm, prior_std_mm(CAMERA))
+    start = truth.position_mm, GAIN * truth.electrons, prior
+    whole = refine(of_points, pixels, *start, 8)
+    n = len(whole.light)
+    covariance = covariance_of(whole)
+    assert (covariance == covariance_among(whole.normal(), np.arange(n))).all()
+    monkeypatch.setattr(equations, "TOGETHER", 6)
+    found = list(equations.parts(whole.lights, whole.position_mm[:, :2], CAMERA.sensor.rows * CAMERA.sensor.columns))
+    assert max(len(part) for part, _ in found) <= 6
+    assert np.sort(np.concatenate([part for part, _ in found])).tolist() == list(range(n))
+    lit = [set(whole.lights.of(np.array([i])).pixel.tolist()) for i in range(n)]
+    for part, near in found:
+        assert near.tolist() == [i for i in range(n) if any(lit[i] & lit[k] for k in part)]
+    assert min(len(near) for _, near in found) > 6
+    assert (covariance_of(whole) == covariance).all()
+    in_parts = refine(of_points, pixels, *start, 8)
+    std = np.sqrt(np.einsum("nii->ni", covariance))
+    assert np.abs((in_parts.position_mm - whole.position_mm) / equations.UNIT_MM / std[:, :3]).max() < 0.1
+    assert in_parts.light == pytest.approx(whole.light, rel=1e-3)
 
 
 def test_peaks_of_a_volume():

@@ -1,4 +1,7 @@
-"""Covariance of particles among their neighbours, from the normal equations of all."""
+"""Covariance of particles among their neighbours.
+
+Particles are taken some thousands at a time (``equations.parts``).
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,8 @@ from scipy.sparse import bsr_array
 
 from plenopiv.kernels import plain_kernel, plain_part
 from plenopiv.threads import in_threads
+from plenopiv.tracking.equations import parts
+from plenopiv.tracking.refine import Fit
 
 NEIGHBOURS = 31  # that share most information with a particle; the rest are taken as known
 LEAST = 1e-6  # of a parameter's information is left, whatever its neighbours do: what rounding does not resolve
@@ -37,15 +42,17 @@ def _of_particles(
     begin: int, end: int,
     start: NDArray[np.int64], neighbour: NDArray[np.int64], block: NDArray,  # the normal equations' blocks
     own: NDArray[np.int64],  # (n,): which block is a particle's own
+    which: NDArray[np.int64],  # (m,): particles that are asked for
     most: int,
-    information: NDArray[np.float64],  # (n, 4, 4), filled
+    information: NDArray[np.float64],  # (m, 4, 4), filled
 ) -> None:  # fmt: skip
-    """Information on particles ``begin`` to ``end``: the Schur complement in which the parameters of
+    """Information on the particles ``which[begin:end]``: the Schur complement in which the parameters of
     ``most`` neighbours, those that are coupled most strongly, are free."""
     size = 4 * (most + 1)
     matrix, scale = np.empty((size, size)), np.empty(size)
     chosen, place = np.empty(most + 1, np.int64), np.full(own.size, -1, np.int64)
-    for n in range(begin, end):
+    for rank in range(begin, end):
+        n = which[rank]
         count = start[n + 1] - start[n]
         coupling = np.zeros(count)
         for e in range(count):
@@ -84,18 +91,27 @@ def _of_particles(
         for p in range(4):
             for q in range(4):
                 a, b = 4 * m - 4 + min(p, q), 4 * m - 4 + max(p, q)
-                information[n, p, q] = matrix[a, b] / (scale[a] * scale[b])
+                information[rank, p, q] = matrix[a, b] / (scale[a] * scale[b])
 
 
-def covariance_of(normal: bsr_array, neighbours: int = NEIGHBOURS) -> Array:
-    """Covariance (n, 4, 4) of each particle's parameters, in the units of the normal equations ``normal`` (4n, 4n, in
-    blocks, with sorted indices): those of ``neighbours`` that share most information with it are free as well."""
+def covariance_of(fit: Fit, neighbours: int = NEIGHBOURS) -> Array:
+    """Covariance (n, 4, 4) of the parameters of a fit's particles, in the units of its normal equations: those of
+    ``neighbours`` that share most information with a particle are free as well."""
+    out = np.empty((len(fit.light), 4, 4))
+    for part, near in parts(fit.lights, fit.position_mm[:, :2], len(fit.weight)):
+        out[part] = covariance_among(fit.normal(near), np.searchsorted(near, part), neighbours)
+    return out
+
+
+def covariance_among(normal: bsr_array, which: NDArray[np.int64], neighbours: int = NEIGHBOURS) -> Array:
+    """Covariance (m, 4, 4) of the particles ``which`` (m,) of those of the normal equations ``normal`` (4n, 4n, in
+    blocks, with sorted indices)."""
     n = normal.indptr.size - 1
     row = np.repeat(np.arange(n), np.diff(normal.indptr))
     own = np.flatnonzero(row == normal.indices)
-    information = np.empty((n, 4, 4))
+    information = np.empty((len(which), 4, 4))
     blocks = normal.indptr.astype(np.int64), normal.indices.astype(np.int64), normal.data
-    in_threads(_of_particles, n, *blocks, own, neighbours, information)
+    in_threads(_of_particles, len(which), *blocks, own, which, neighbours, information)
     scale = np.sqrt(np.maximum(np.einsum("nii->ni", information), 1e-300))
     values, vectors = np.linalg.eigh(information / scale[:, :, None] / scale[:, None, :])
     inverse = (vectors / np.maximum(values, LEAST)[:, None, :]) @ np.swapaxes(vectors, 1, 2)

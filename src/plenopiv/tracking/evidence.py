@@ -12,6 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.threads import in_threads
+from plenopiv.tracking.normal_kernels import mean_misfit
 from plenopiv.tracking.refine import Fit
 
 LEAST = 35.0  # by which a particle lowers chi^2
@@ -23,29 +25,28 @@ Array = NDArray[np.float64]
 def misfit(fit: Fit, usable: NDArray[np.bool_]) -> Array:
     """Of each particle (n,) the mean of chi^2 of its pixels, weighed with its light in them; about 1 where the model
     holds."""
-    lights = fit.lights
-    chi2 = np.where(usable, fit.residual**2 / fit.variance, 0.0)[lights.pixel]
-    weight = lights.share * usable[lights.pixel]
-    n = len(fit.light)
-    return np.asarray(
-        np.bincount(lights.point, weight * chi2, n) / np.maximum(np.bincount(lights.point, weight, n), 1e-9)
-    )
+    chi2 = np.where(usable, fit.residual**2 / fit.variance, np.nan)
+    lights, out = fit.lights, np.empty(len(fit.light))
+    in_threads(mean_misfit, len(out), lights.start, lights.pixel, lights.share, chi2, out)
+    return out
 
 
 def without_evidence(fit: Fit, covariance: Array, misfits: Array) -> NDArray[np.bool_]:
     """Which particles (n,) are to be left out. ``covariance`` (n, 4, 4) in units of the normal equations."""
     evidence = 1.0 / np.maximum(covariance[:, 3, 3], 1e-30) / np.maximum(misfits, 1.0)
     weak = evidence < LEAST
-    normal = fit.normal
-    row = np.repeat(np.arange(len(weak)), np.diff(normal.indptr))
-    both = np.flatnonzero(weak[row] & weak[normal.indices] & (row != normal.indices))
-    own = np.flatnonzero(row == normal.indices)
+    if not weak.any():
+        return weak
+    few = np.flatnonzero(weak)
+    normal = fit.normal(few)
+    row = np.repeat(np.arange(len(few)), np.diff(normal.indptr))
+    both, own = np.flatnonzero(row != normal.indices), np.flatnonzero(row == normal.indices)
     i, j = row[both], normal.indices[both]
     blocks, scale = normal.data[both], np.sqrt(np.einsum("nii->ni", normal.data[own]))
     common = (blocks / scale[i][:, :, None] / scale[j][:, None, :]) ** 2
     strong = common.sum((1, 2)) > COUPLED
     out = weak.copy()
-    i, j = i[strong], j[strong]
+    i, j = few[i[strong]], few[j[strong]]
     stays = (evidence[i] > evidence[j]) | ((evidence[i] == evidence[j]) & (i > j))
     out[i[stays]] = False
     return out

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking.covariance import covariance_of
+from plenopiv.tracking.equations import UNIT_MM
 from plenopiv.tracking.evidence import misfit, without_evidence
 from plenopiv.tracking.light import PointLights
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.refine import UNIT_MM, Fit, Prior, fit_light, prior_std_mm, refine
+from plenopiv.tracking.refine import Fit, Prior, fit_light, prior_std_mm, refine
 from plenopiv.tracking.search import places_of_light
 from plenopiv.volume import Limits
 
@@ -71,7 +72,7 @@ def particles_of_frame(
     for done in range(PASSES):
         fit = refine(of_points, pixels, position, light, prior, STEPS if done else FIRST_STEPS, lights, ROUGHLY)
         pixels = _with_noise(pixels, fit)
-        out = without_evidence(fit, covariance_of(fit.normal, NEIGHBOURS), misfit(fit, pixels.usable))
+        out = without_evidence(fit, covariance_of(fit, NEIGHBOURS), misfit(fit, pixels.usable))
         position, light, first = fit.position_mm[~out], fit.light[~out], prior.position_mm[~out]
         excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
         new, _ = places_of_light(of_points, excess, limits_mm)
@@ -98,7 +99,7 @@ def _with_noise(pixels: Pixels, fit: Fit) -> Pixels:
 
 def _judged(fit: Fit, pixels: Pixels) -> FrameParticles:
     """What the last fit found, without particles that the pixels do not speak for."""
-    covariance, off = covariance_of(fit.normal), misfit(fit, pixels.usable)
+    covariance, off = covariance_of(fit), misfit(fit, pixels.usable)
     kept = ~without_evidence(fit, covariance, off)
     unit = np.concatenate([np.broadcast_to(UNIT_MM, (len(fit.light), 3)), fit.light[:, None]], 1)[kept]
     lit = np.zeros(len(pixels.counts), bool)

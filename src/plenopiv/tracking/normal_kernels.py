@@ -6,6 +6,8 @@ derivatives of a pixel's light by the four unknowns of a particle.
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -93,6 +95,73 @@ def whiten(
             whitened[to, 1] = w * uy * gradient[e, 1]
             whitened[to, 2] = w * uz * gradient[e, 2]
             whitened[to, 3] = w * e0 * share[e]
+
+
+@kernel
+def share_pixels(
+    begin: int, end: int, start: Int, pixel: NDArray[np.int32],
+    first: NDArray[np.int32], last: NDArray[np.int32],  # (n,): of each particle's pixels
+    low: int, high: int, lit: NDArray[np.bool_],  # first and last lit pixel; (pixels,)
+    shared: NDArray[np.bool_],  # (n,), filled
+) -> None:  # fmt: skip
+    """Which of the particles ``begin`` to ``end`` light a pixel of those that are ``lit``."""
+    for i in range(begin, end):
+        shared[i] = False
+        if first[i] <= high and last[i] >= low:
+            for e in range(start[i], start[i + 1]):
+                if lit[pixel[e]]:
+                    shared[i] = True
+                    break
+
+
+@kernel
+def pixel_ranges(
+    begin: int, end: int, start: Int, pixel: NDArray[np.int32],
+    first: NDArray[np.int32], last: NDArray[np.int32],  # (n,), filled
+) -> None:  # fmt: skip
+    """First and last pixel of the particles ``begin`` to ``end``; a range of none for those that light none."""
+    for i in range(begin, end):
+        lo, hi = np.int32(2**31 - 1), np.int32(-1)
+        for e in range(start[i], start[i + 1]):
+            lo, hi = min(lo, pixel[e]), max(hi, pixel[e])
+        first[i], last[i] = lo, hi
+
+
+@kernel
+def mean_misfit(
+    begin: int, end: int, start: Int, pixel: NDArray[np.int32], share: NDArray[np.float32],
+    chi2: NDArray[np.float64],  # (pixels,); NaN: cannot be used
+    out: NDArray[np.float64],  # (n,), filled
+) -> None:  # fmt: skip
+    """Mean of chi^2 of the pixels of the particles ``begin`` to ``end``, weighed with their light."""
+    for i in range(begin, end):
+        total, weight = 0.0, 0.0
+        for e in range(start[i], start[i + 1]):
+            value = chi2[pixel[e]]
+            if value == value:
+                total += share[e] * value
+                weight += share[e]
+        out[i] = total / max(weight, 1e-9)
+
+
+@kernel
+def light_equations(
+    begin: int, end: int, start: Int, pixel: NDArray[np.int32], share: NDArray[np.float32],
+    weight: NDArray[np.float64], residual: NDArray[np.float64],  # (pixels,): 1 / variance, counts
+    whitened: NDArray[np.float32],  # (m,), filled
+    own: NDArray[np.float64], slope: NDArray[np.float64],  # (n,), filled
+) -> None:  # fmt: skip
+    """Of the particles ``begin`` to ``end``, their light alone unknown: entries over standard deviations, the sum of
+    their squares, and the right side."""
+    for i in range(begin, end):
+        total, right = 0.0, 0.0
+        for e in range(start[i], start[i + 1]):
+            w = weight[pixel[e]]
+            value = np.float32(share[e] * sqrt(w))
+            whitened[e] = value
+            total += np.float64(value) * value
+            right += share[e] * w * residual[pixel[e]]
+        own[i], slope[i] = total, right
 
 
 @kernel

@@ -8,9 +8,10 @@ and light minimise
 Each iteration asks by how much chi^2 falls where a particle moves alone, a sum over its pixels. Those that would gain
 less than STILL^2 rest: their light is known from before. The others move together: the normal equations couple
 particles that share pixels by 4 x 4 blocks, so the matrix is sparse, and conjugate gradients with each particle's own
-block as preconditioner need a few tens of products; their exact light and its derivatives are computed anew. The prior
-keeps particles in the dead zone, whose depth no pixel tells, where they were first seen; it is wide against the error
-of any other.
+block as preconditioner need a few tens of products; their exact light and its derivatives are computed anew. Some
+thousands of particles are solved for at a time, with all that share pixels with them free as well, which are then left
+where they are (restricted additive Schwarz: Cai & Sarkis 1999). The prior keeps particles in the dead zone, whose depth
+no pixel tells, where they were first seen; it is wide against the error of any other.
 
 Source: Bjorck, *Numerical Methods for Least Squares Problems* (1996), sections 7.4 and 9.2; the same normal equations
 are the Fisher information of ``accuracy.bound``, so their inverse is the covariance.
@@ -22,18 +23,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_array
+from scipy.sparse import bsr_array, csr_array
 from scipy.sparse.linalg import LinearOperator, cg
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.threads import in_threads
 from plenopiv.tracking import normal_kernels
+from plenopiv.tracking.equations import UNIT_MM, normal_equations, own_equations, parts, with_information
 from plenopiv.tracking.light import Lights, PointLights
 from plenopiv.tracking.pixels import Pixels
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-UNIT_MM = np.array([0.01, 0.01, 0.05])  # of the unknowns, so that all of a particle's information is of one order
 TOLERANCE, PRODUCTS = 1e-3, 80  # of conjugate gradients: the next iteration is a better one
 DAMPING = 1e-3  # of each particle's own information (Levenberg-Marquardt)
 LEAST_KNOWN = 1e-12  # information added to a particle's, of whose light no pixel is used
@@ -57,15 +58,25 @@ class Prior:
 
 @dataclass(frozen=True)
 class Fit:
-    """Particles fitted to the pixels: ``position_mm`` (n, 3), ``light`` (n,) counts; ``normal`` (4n, 4n), the normal
-    equations in units of UNIT_MM and of each one's light; ``lights``: where their light goes."""
+    """Particles fitted to the pixels: ``position_mm`` (n, 3), ``light`` (n,) counts; ``lights``: where their light
+    goes; ``residual``, ``variance`` and ``weight``, one over the standard deviation that it counts with, of each pixel;
+    ``prior``: of the particles."""
 
     position_mm: Array
     light: Array
-    normal: bsr_array
     lights: Lights
     residual: Array
     variance: Array
+    weight: Single
+    prior: Prior
+
+    def normal(self, which: NDArray[np.int64] | None = None) -> bsr_array:
+        """The normal equations (4m, 4m) of the particles ``which`` (m,), ascending, or of all, the prior's information
+        included, in units of UNIT_MM and of each one's light."""
+        which = np.arange(len(self.light)) if which is None else which
+        normal = normal_equations(_of(self.lights, which), self.light[which], self.weight)
+        with_information(normal, self.prior.information)
+        return normal
 
 
 def prior_std_mm(camera: PlenopticCamera) -> Array:
@@ -100,35 +111,38 @@ def refine(
         which = np.flatnonzero(gain > still**2)
         if len(which) == 0:
             break
-        some = lights if len(which) == len(light) else lights.of(which)
-        normal = normal_equations(some, light[which], weight)
-        step = _solved(normal, with_prior(normal, prior), slope[which])
+        some, step = _of(lights, which), np.empty((len(which), 4))
+        for part, near in parts(some, position[which, :2], len(weight)):
+            normal = normal_equations(_of(some, near), light[which[near]], weight)
+            all_near = _solved(normal, with_information(normal, prior.information), slope[which[near]])
+            step[part] = all_near[np.searchsorted(near, part)]
         position[which] += UNIT_MM * np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
         least = LEAST_LIGHT * float(np.median(light))
         light[which] = np.maximum(light[which] * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
         lights = lights.replaced(which, of_points(position[which]))
     residual, variance = _residual(lights, pixels, light)
-    weight, pull = pixel_weights(pixels.usable, residual, variance)
-    normal = normal_equations(lights, light, weight)
-    with_prior(normal, prior)
-    return Fit(position, light, normal, lights, residual, variance)
+    weight, _ = pixel_weights(pixels.usable, residual, variance)
+    return Fit(position, light, lights, residual, variance, weight, prior)
+
+
+def _of(lights: Lights, which: NDArray[np.int64]) -> Lights:
+    """The light of the points ``which``, ascending."""
+    return lights if len(which) == len(lights.start) - 1 else lights.of(which)
 
 
 def fit_light(lights: Lights, pixels: Pixels, light: Array, iterations: int = 3) -> Array:
     """The light (n,) in counts that fits best where ``lights`` are; positive."""
     for _ in range(iterations):
         residual, variance = _residual(lights, pixels, light)
-        weight = np.where(pixels.usable, 1.0 / variance, 0.0)[lights.pixel]
-        share = bsr_array(
-            ((lights.share * np.sqrt(weight)).astype(np.float32)[:, None, None], lights.pixel, lights.start),
-            shape=(len(light), len(residual)),
-        ).tocsr()
-        normal = (share @ share.T).tocsr()
-        slope = np.bincount(lights.point, lights.share * weight * residual[lights.pixel], len(light))
-        own = np.maximum(normal.diagonal(), 1e-30).astype(np.float64)
-        step, _ = cg(
-            normal, slope, rtol=TOLERANCE, maxiter=PRODUCTS, M=LinearOperator(normal.shape, lambda v, d=own: v / d)
-        )
+        weight = np.where(pixels.usable, 1.0 / variance, 0.0)
+        whitened, own, slope = np.empty(len(lights.pixel), np.float32), np.empty(len(light)), np.empty(len(light))
+        entries = lights.start, lights.pixel, lights.share
+        in_threads(normal_kernels.light_equations, len(light), *entries, weight, residual, whitened, own, slope)
+        share = csr_array((whitened, lights.pixel, lights.start), shape=(len(light), len(residual)))
+        own, shape, across = np.maximum(own, 1e-30), (len(light), len(light)), share.T
+        normal = LinearOperator(shape, lambda v, a=share, b=across: a @ (b @ v), dtype=np.float64)
+        alone = LinearOperator(shape, lambda v, d=own: v / d, dtype=np.float64)
+        step, _ = cg(normal, slope, rtol=TOLERANCE, maxiter=PRODUCTS, M=alone)
         light = np.maximum(light + step, LEAST_LIGHT * float(np.median(light)))
     return light
 
@@ -146,48 +160,6 @@ def pixel_weights(usable: NDArray[np.bool_], residual: Array, variance: Array) -
     std *= np.sqrt(np.maximum(np.abs(residual) / std / OUTLYING, 1.0))
     weight = np.where(usable, 1.0 / std, 0.0)
     return weight.astype(np.float32), (weight * residual).astype(np.float32)
-
-
-def own_equations(lights: Lights, light: Array, weight: Single, pull: Single) -> tuple[Array, Array]:
-    """Each particle's own block (n, 4, 4) of the normal equations, pixels that two of its microlenses light taken as
-    two, and the right side (n, 4)."""
-    own, slope = np.empty((len(light), 4, 4)), np.empty((len(light), 4))
-    entries = lights.start, lights.pixel, lights.share, lights.gradient
-    in_threads(normal_kernels.own_equations, len(light), *entries, light, UNIT_MM, weight, pull, own, slope)
-    return own, slope
-
-
-def normal_equations(lights: Lights, light: Array, weight: Single) -> bsr_array:
-    """The normal equations (4n, 4n) of particles, in blocks."""
-    n, m = len(light), len(lights.pixel)
-    pixel_end = np.zeros(len(weight), np.int64)
-    rank, particle, whitened = np.empty(m, np.int32), np.empty(m, np.int32), np.empty((m, 4), np.float32)
-    normal_kernels.by_pixels(lights.start, lights.pixel, pixel_end, rank, particle)
-    entries = lights.start, lights.pixel, lights.share, lights.gradient
-    in_threads(normal_kernels.whiten, n, *entries, light, UNIT_MM, weight, rank, whitened)
-    count, shared = np.empty(n, np.int64), (lights.start, lights.pixel, pixel_end, rank, particle)
-    in_threads(normal_kernels.count_later, n, *shared, count)
-    later_start = np.concatenate([[0], np.cumsum(count)])
-    later, of_later = np.empty(later_start[-1], np.int32), np.zeros((later_start[-1], 4, 4), np.float32)
-    in_threads(normal_kernels.sum_later, n, *shared, whitened, later_start, later, of_later)
-    both, block_start = 2 * int(later_start[-1]) - n, np.zeros(n + 1, np.int64)
-    neighbour, block = np.empty(both, np.int32), np.empty((both, 4, 4), np.float32)
-    normal_kernels.both_ways(later_start, later, of_later, block_start, neighbour, block)
-    return bsr_array((block, neighbour, block_start), shape=(4 * n, 4 * n))
-
-
-def _diagonal(normal: bsr_array) -> NDArray[np.int64]:
-    """Which of the blocks are the particles' own."""
-    row = np.repeat(np.arange(normal.indptr.size - 1), np.diff(normal.indptr))
-    return np.flatnonzero(row == normal.indices)
-
-
-def with_prior(normal: bsr_array, prior: Prior) -> Array:
-    """Add the prior's information to the equations, in place; the particles' own blocks (n, 4, 4)."""
-    own = _diagonal(normal)
-    for axis in range(3):
-        normal.data[own, axis, axis] += prior.information[axis]
-    return np.asarray(normal.data[own], np.float64)
 
 
 def _solved(normal: bsr_array, own: Array, slope: Array) -> Array:

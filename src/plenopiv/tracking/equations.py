@@ -1,0 +1,110 @@
+"""The normal equations of particles that share pixels.
+
+Unknowns are x, y, z in UNIT_MM and light in units of each particle's own. With J (pixels, 4n) the derivatives of
+pixels' counts by the unknowns, each over its pixel's standard deviation, the equations are J^T J: a 4 x 4 block for
+each two particles that share pixels. These are hundreds to a particle where volumes are deep, so blocks are made of a
+part of the particles at a time, which lie together, and of all that share pixels with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import bsr_array
+
+from plenopiv.threads import in_threads
+from plenopiv.tracking import normal_kernels
+from plenopiv.tracking.light import Lights
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Numbers = NDArray[np.int64]
+UNIT_MM = np.array([0.01, 0.01, 0.05])  # of the unknowns, so that all of a particle's information is of one order
+TOGETHER = 4000  # particles whose equations are solved at a time
+
+
+def parts(lights: Lights, place: Array, pixels: int) -> Iterator[tuple[Numbers, Numbers]]:
+    """Particles at ``place`` (n, 2) in parts of at most TOGETHER: the numbers of each, and of all that share any of the
+    ``pixels`` with them, themselves included, ascending."""
+    n = len(place)
+    if n <= TOGETHER:
+        yield np.arange(n), np.arange(n)
+        return
+    lit, shared = np.zeros(pixels, np.bool_), np.empty(n, np.bool_)
+    first, last = np.empty(n, np.int32), np.empty(n, np.int32)
+    in_threads(normal_kernels.pixel_ranges, n, lights.start, lights.pixel, first, last)
+    for part in together(place, TOGETHER):
+        own = np.concatenate([lights.pixel[lights.start[i] : lights.start[i + 1]] for i in part])
+        lit[own] = True
+        ends = (int(own.min()), int(own.max())) if len(own) else (0, -1)
+        in_threads(normal_kernels.share_pixels, n, lights.start, lights.pixel, first, last, *ends, lit, shared)
+        lit[own] = False
+        shared[part] = True
+        yield part, np.flatnonzero(shared)
+
+
+def together(place: Array, most: int) -> list[Numbers]:
+    """Points at ``place`` (n, 2) in parts of at most ``most`` that lie together, each ascending: halves of halves,
+    along the longer side."""
+    large, small = [np.arange(len(place))], list[Numbers]()
+    while large:
+        part = large.pop()
+        if len(part) <= most:
+            small.append(part)
+            continue
+        axis = int(np.argmax(np.ptp(place[part], axis=0)))
+        order = np.argsort(place[part, axis], kind="stable")
+        large += [np.sort(part[half]) for half in np.array_split(order, 2)]
+    return small
+
+
+def entries(lights: Lights) -> tuple[NDArray, ...]:
+    """What kernels take of lists of pixels."""
+    return lights.start, lights.pixel, lights.share, lights.gradient
+
+
+def own_equations(lights: Lights, light: Array, weight: Single, pull: Single) -> tuple[Array, Array]:
+    """Each particle's own block (n, 4, 4) of the normal equations, pixels that two of its microlenses light taken as
+    two, and the right side (n, 4)."""
+    own, slope = np.empty((len(light), 4, 4)), np.empty((len(light), 4))
+    in_threads(normal_kernels.own_equations, len(light), *entries(lights), light, UNIT_MM, weight, pull, own, slope)
+    return own, slope
+
+
+def normal_equations(lights: Lights, light: Array, weight: Single) -> bsr_array:
+    """The normal equations (4n, 4n) of particles, in blocks."""
+    n, m = len(light), len(lights.pixel)
+    pixel_end = np.zeros(len(weight), np.int64)
+    rank, particle, whitened = np.empty(m, np.int32), np.empty(m, np.int32), np.empty((m, 4), np.float32)
+    normal_kernels.by_pixels(lights.start, lights.pixel, pixel_end, rank, particle)
+    in_threads(normal_kernels.whiten, n, *entries(lights), light, UNIT_MM, weight, rank, whitened)
+    count, shared = np.empty(n, np.int64), (lights.start, lights.pixel, pixel_end, rank, particle)
+    in_threads(normal_kernels.count_later, n, *shared, count)
+    later_start = np.concatenate([[0], np.cumsum(count)])
+    later, of_later = np.empty(later_start[-1], np.int32), np.zeros((later_start[-1], 4, 4), np.float32)
+    in_threads(normal_kernels.sum_later, n, *shared, whitened, later_start, later, of_later)
+    both, block_start = 2 * int(later_start[-1]) - n, np.zeros(n + 1, np.int64)
+    neighbour, block = np.empty(both, np.int32), np.empty((both, 4, 4), np.float32)
+    normal_kernels.both_ways(later_start, later, of_later, block_start, neighbour, block)
+    return bsr_array((block, neighbour, block_start), shape=(4 * n, 4 * n))
+
+
+def own_blocks(normal: bsr_array) -> Array:
+    """Each particle's own block (n, 4, 4) of normal equations."""
+    return np.asarray(normal.data[_diagonal(normal)], np.float64)
+
+
+def _diagonal(normal: bsr_array) -> NDArray[np.int64]:
+    """Which of the blocks are the particles' own."""
+    row = np.repeat(np.arange(normal.indptr.size - 1), np.diff(normal.indptr))
+    return np.flatnonzero(row == normal.indices)
+
+
+def with_information(normal: bsr_array, information: Array) -> Array:
+    """Add ``information`` (3,) on x, y, z, in UNIT_MM^-2, to each particle's, in place; their own blocks (n, 4, 4)."""
+    own = _diagonal(normal)
+    for axis in range(3):
+        normal.data[own, axis, axis] += information[axis]
+    return own_blocks(normal)
