@@ -21,7 +21,7 @@ WORDS = 160  # of a message that are shown
 STATIC = """
 ## Static light taken off
 
-Written by `benchmarks/accuracy/static_light.py`: three of thirty pairs, pulses varying by 3 %, measured with images of
+Written by `benchmarks/accuracy/static_light.py`: ten of thirty pairs, pulses varying by 3 %, measured with images of
 the static light of each pulse and a dark image, or with `recording.background = "minimum"` of all thirty. RMS errors
 along x / y / z in voxels and over those of the clean recording, outside windows in which particles light saturated
 pixels; share of the errors within one and two stated standard deviations. Asked for are 60 to 80 % and 90 to 98 %.

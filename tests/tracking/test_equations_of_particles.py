@@ -77,14 +77,13 @@ def test_lists_of_other_points(scene):
     lights, light = scene[:2]
     which = np.array([3, 0, 5])
     some = lights.of(which)
-    swapped = lights.replaced(np.array([1, 4]), lights.of(np.array([4, 1])))
-    both = some.joined(lights)
-    every = dense(lights, lights.share)
-    order = np.arange(len(light))
-    order[[1, 4]] = 4, 1
+    joined = lights.with_others(which, some)
+    mixed = some.with_others(np.array([2, 0]), lights, np.array([1, *range(3, 2 + len(light))]))
+    every, slopes = dense(lights, lights.share), dense(lights, lights.gradient[:, 2])
     assert (dense(some, some.share) == every[which]).all()
-    assert (dense(swapped, swapped.gradient[:, 2]) == dense(lights, lights.gradient[:, 2])[order]).all()
-    assert (dense(both, both.share) == every[np.concatenate([which, np.arange(len(light))])]).all()
+    assert (dense(joined, joined.share) == every[[*which, *which]]).all()
+    order = [which[2], 0, which[0], *range(1, len(light))]
+    assert (dense(mixed, mixed.gradient[:, 2]) == slopes[order]).all()
     assert lights.image(light, PIXELS) == pytest.approx(light @ every, rel=1e-9)
 
 

@@ -66,11 +66,11 @@ def particles_of_frame(
     if len(light) == 0:
         raise PlenoPIVError(NONE)
     prior = Prior(position_mm, prior_std_mm(of_points.camera))
-    lights = of_points(position_mm)
-    light = fit_light(lights, pixels, light)
+    lights = [of_points(position_mm)]  # handed on by pop(), so that what is moved is let go
+    light = fit_light(lights[0], pixels, light)
     position = position_mm
     for done in range(PASSES):
-        fit = refine(of_points, pixels, position, light, prior, STEPS if done else FIRST_STEPS, lights, ROUGHLY)
+        fit = refine(of_points, pixels, position, light, prior, STEPS if done else FIRST_STEPS, lights.pop(), ROUGHLY)
         pixels = _with_noise(pixels, fit)
         out = without_evidence(fit, covariance_of(fit, NEIGHBOURS), misfit(fit, pixels.usable))
         position, light, first = fit.position_mm[~out], fit.light[~out], prior.position_mm[~out]
@@ -81,13 +81,14 @@ def particles_of_frame(
         if len(light) == 0:
             raise PlenoPIVError(NONE)
         typical = float(np.median(light))
-        lights = fit.lights.of(np.flatnonzero(~out)).joined(of_points(new))
+        lights.append(fit.lights.with_others(np.flatnonzero(~out), of_points(new)))
+        del fit
         position, first = np.concatenate([position, new]), np.concatenate([first, new])
         light = np.concatenate([light, np.full(len(new), FIRST_LIGHT * typical)])
         prior = Prior(first, prior.std_mm)
         if len(new) + out.sum() <= FEW * len(light):
             break
-    fit = refine(of_points, pixels, position, light, prior, LAST_STEPS, lights, STILL)
+    fit = refine(of_points, pixels, position, light, prior, LAST_STEPS, lights.pop(), STILL)
     return _judged(fit, pixels)
 
 

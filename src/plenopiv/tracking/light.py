@@ -56,17 +56,16 @@ class Lights:
         """The light of the points ``which`` alone."""
         return _taken(self, self, which)
 
-    def replaced(self, which: NDArray[np.int64], by: Lights) -> Lights:
-        """The same with the points ``which`` replaced by those of ``by``."""
-        if len(which) == len(self.start) - 1:
-            return by
-        source = np.arange(len(self.start) - 1)
-        source[which] = len(source) + np.arange(len(which))
-        return _taken(self, by, source)
-
-    def joined(self, others: Lights) -> Lights:
-        """The light of these points and then of others."""
-        return _taken(self, others, np.arange(len(self.start) + len(others.start) - 2))
+    def with_others(self, which: NDArray[np.int64], others: Lights, places: NDArray[np.int64] | None = None) -> Lights:
+        """The light of the points ``which`` and then of ``others``; or of both so mixed that the others have the
+        numbers ``places``, ascending, among all."""
+        source = np.concatenate([which, len(self.start) - 1 + np.arange(len(others.start) - 1)])
+        if places is not None:
+            mixed = np.empty_like(source)
+            mixed[places] = source[len(which) :]
+            mixed[np.setdiff1d(np.arange(len(source)), places, assume_unique=True)] = source[: len(which)]
+            source = mixed
+        return _taken(self, others, source)
 
     def whole(self) -> Array:
         """The share of each point's light that falls on the sensor (n,)."""

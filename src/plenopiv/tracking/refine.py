@@ -108,7 +108,8 @@ def refine(
         slope[:, :3] += prior.information * (prior.position_mm - position) / UNIT_MM
         known = own + np.diag([*prior.information, 0.0]) + LEAST_KNOWN * np.eye(4)
         gain = np.einsum("ni,ni->n", slope, np.linalg.solve(known, slope[:, :, None])[:, :, 0])
-        which = np.flatnonzero(gain > still**2)
+        moves = gain > still**2
+        which, rests = np.flatnonzero(moves), np.flatnonzero(~moves)
         if len(which) == 0:
             break
         some, step = _of(lights, which), np.empty((len(which), 4))
@@ -116,10 +117,13 @@ def refine(
             normal = normal_equations(_of(some, near), light[which[near]], weight)
             all_near = _solved(normal, with_information(normal, prior.information), slope[which[near]])
             step[part] = all_near[np.searchsorted(near, part)]
+            del normal
         position[which] += UNIT_MM * np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
         least = LEAST_LIGHT * float(np.median(light))
         light[which] = np.maximum(light[which] * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
-        lights = lights.replaced(which, of_points(position[which]))
+        del some
+        lights = lights.of(rests)  # the rest is let go before it is made anew
+        lights = lights.with_others(np.arange(len(rests)), of_points(position[which]), which)
     residual, variance = _residual(lights, pixels, light)
     weight, _ = pixel_weights(pixels.usable, residual, variance)
     return Fit(position, light, lights, residual, variance, weight, prior)
@@ -132,15 +136,16 @@ def _of(lights: Lights, which: NDArray[np.int64]) -> Lights:
 
 def fit_light(lights: Lights, pixels: Pixels, light: Array, iterations: int = 3) -> Array:
     """The light (n,) in counts that fits best where ``lights`` are; positive."""
+    start = lights.start.astype(np.int32 if lights.start[-1] < 2**31 else np.int64)
     for _ in range(iterations):
         residual, variance = _residual(lights, pixels, light)
         weight = np.where(pixels.usable, 1.0 / variance, 0.0)
         whitened, own, slope = np.empty(len(lights.pixel), np.float32), np.empty(len(light)), np.empty(len(light))
         entries = lights.start, lights.pixel, lights.share
         in_threads(normal_kernels.light_equations, len(light), *entries, weight, residual, whitened, own, slope)
-        share = csr_array((whitened, lights.pixel, lights.start), shape=(len(light), len(residual)))
+        share = csr_array((whitened, lights.pixel, start), shape=(len(light), len(residual)))
         own, shape, across = np.maximum(own, 1e-30), (len(light), len(light)), share.T
-        normal = LinearOperator(shape, lambda v, a=share, b=across: a @ (b @ v), dtype=np.float64)
+        normal = LinearOperator(shape, lambda v, a=share, b=across: a @ (b @ v.astype(np.float32)), dtype=np.float64)
         alone = LinearOperator(shape, lambda v, d=own: v / d, dtype=np.float64)
         step, _ = cg(normal, slope, rtol=TOLERANCE, maxiter=PRODUCTS, M=alone)
         light = np.maximum(light + step, LEAST_LIGHT * float(np.median(light)))
