@@ -6,7 +6,8 @@ The camera of conditions.py's ``base``, twice as high, before 10, 60 and 100 mm 
 and turned by 2 degrees; rays are traced through all of it, and the file states what is there. The flow is a shear of
 all components, which windows resolve: slopes are the camera's, not the windows'. It, the volume and the voxels are
 those of the case in air seen through the window: depths longer by the refractive index, the middle where the camera's
-axis meets z = 0. So all cases move as many voxels, and errors in voxels compare.
+axis is in focus, which spherical aberration moves by 0.2 mm behind 100 mm of water. So all cases move as many voxels,
+vectors lie as near to focus, where depth is known least, and errors in voxels compare.
 
 A recording is made once and kept in DIR/NAME. Results are added to windows.json: RMS and bias along x, y, z in voxels,
 share of gross errors and of answered vectors, the slope of measured on true displacement with its standard deviation,
@@ -75,32 +76,39 @@ CASES: dict[str, Medium | None] = {
 
 @dataclass(frozen=True)
 class Seen:
-    """Lengths in a fluid as a camera in air sees them: depths shorter by ``index``, ``centre_mm`` (x, y) the middle."""
+    """Lengths in a fluid as a camera in air sees them: depths shorter by ``index``, ``centre_mm`` (x, y, z) the
+    middle."""
 
     index: float
-    centre_mm: tuple[float, float]
+    centre_mm: tuple[float, float, float]
 
     @classmethod
     def through(cls, camera: RealCamera) -> Seen:
-        """What a camera sees of z = 0."""
+        """What a camera sees, about the point of its axis that is in focus."""
+        if camera.medium is None:
+            return cls(1.0, (0.0, 0.0, 0.0))
+        index = camera.medium.refractive_index
         point, direction = sight_lines(camera, (0.0, 0.0), (0.0, 0.0))
-        x, y, _ = (point - direction * (point[:, 2:] / direction[:, 2:]))[0].tolist()
-        return cls(1.0 if camera.medium is None else camera.medium.refractive_index, (x, y))
+        depths = np.array([0.0, index])
+        places = point + direction * ((depths[:, None] - point[:, 2:]) / direction[:, 2:])
+        near, far = images_of(places, behind_window(BASE.camera(), camera.medium), BASE.camera()).place_mm[:, 2]
+        x, y, z = (places[0] - near / (far - near) * (places[1] - places[0])).tolist()
+        return cls(index, (x, y, z))
 
     def points(self, laboratory_mm: NDArray) -> NDArray[np.float64]:
         """Points (n, 3) of the laboratory as they seem to lie."""
-        return (np.asarray(laboratory_mm, float) - (*self.centre_mm, 0.0)) / (1.0, 1.0, self.index)
+        return (np.asarray(laboratory_mm, float) - self.centre_mm) / (1.0, 1.0, self.index)
 
     def limits(self, seen_mm: Limits) -> Limits:
         """The volume of the laboratory that seems to be this one."""
-        sides = zip(seen_mm, (*self.centre_mm, 0.0), (1.0, 1.0, self.index), strict=True)
+        sides = zip(seen_mm, self.centre_mm, (1.0, 1.0, self.index), strict=True)
         x, y, z = ((n * lo + middle, n * hi + middle) for (lo, hi), middle, n in sides)
         return x, y, z
 
     def field(self, velocity: xr.Dataset) -> xr.Dataset:
         """A velocity field of the laboratory as it seems to be."""
-        x, y = self.centre_mm
-        seen = velocity.assign_coords(x=velocity.x - x, y=velocity.y - y, z=velocity.z / self.index)
+        x, y, z = self.centre_mm
+        seen = velocity.assign_coords(x=velocity.x - x, y=velocity.y - y, z=(velocity.z - z) / self.index)
         return seen.assign({name: seen[name] / self.index for name in ("w", "w_raw", "w_std") if name in seen})
 
 
@@ -154,19 +162,7 @@ def particles(folder: Path, pairs: int, pair: int) -> tuple[NDArray, NDArray]:
         return found["a"], found["b"]
 
 
-def focus_mm(name: str, seen: Seen) -> float:
-    """Where the plane in focus seems to lie: spherical aberration moves it by 0.2 mm behind 100 mm of water."""
-    camera, medium = BASE.camera(), CASES[name]
-    if medium is None:
-        return 0.0
-    points = np.array([(*seen.centre_mm, 0.0), (*seen.centre_mm, seen.index)])
-    near, far = images_of(points, behind_window(camera, medium), camera).place_mm[:, 2]
-    return float(-near / (far - near))
-
-
-def on_truth(
-    field: xr.Dataset, a: NDArray, b: NDArray, camera: PlenopticCamera, focus_mm: float
-) -> tuple[NDArray, NDArray]:
+def on_truth(field: xr.Dataset, a: NDArray, b: NDArray, camera: PlenopticCamera) -> tuple[NDArray, NDArray]:
     """True and measured displacements (n, 3) in voxels of vectors whose windows every view sees and lie whole beyond
     BEYOND half dead zones from focus, but gross errors."""
     voxel = np.array(BASE.voxel_mm())
@@ -176,7 +172,7 @@ def on_truth(
     middle = 0.5 * (a + b)
     x_seen, y_seen = seen_by_every_view_mm(camera, at[:, 2])
     kept = ((at >= middle.min(0) + half) & (at <= middle.max(0) - half)).all(1)
-    kept &= np.abs(at[:, 2] - focus_mm) - half[2] > BEYOND * 0.5 * np.ptp(camera.dead_zone_mm())
+    kept &= np.abs(at[:, 2]) - half[2] > BEYOND * 0.5 * np.ptp(camera.dead_zone_mm())
     kept &= (np.abs(at[:, 0]) + half[0] <= x_seen) & (np.abs(at[:, 1]) + half[1] <= y_seen)
     true = true_displacements(at[kept], a, b, half).window / voxel
     measured = np.stack([field[name].values.reshape(-1)[kept] for name in "uvw"], -1) * (1e3 * DT_S / voxel)
@@ -194,7 +190,6 @@ def measure(name: str, folder: Path) -> dict[str, Any]:
     """Run a recording and score it."""
     experiment = Experiment.load(folder / "experiment.toml")
     seen, camera = Seen.through(case_camera(name)), BASE.camera()
-    focus = focus_mm(name, seen)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PlenoPIVWarning)
@@ -208,7 +203,7 @@ def measure(name: str, folder: Path) -> dict[str, Any]:
         scores.append(
             score_velocity(field, a, b, camera, dt_s=DT_S, voxel_mm=BASE.voxel_mm(), window_voxels=BASE.windows[-1])
         )
-        for kept, more in zip((true, measured), on_truth(field, a, b, camera, focus), strict=True):
+        for kept, more in zip((true, measured), on_truth(field, a, b, camera), strict=True):
             kept.append(more)
     errors = pooled(scores)
     return {

@@ -47,7 +47,7 @@ from plenopiv.tracking.tracks import joined
 
 FILE, FOLDER = "tracks.nc", "tracking"
 OF_A_PAIR = ("links", "nodes_mm", "smoothing", "error_scale", "links_left_out")  # attributes of its field
-BYTES_AN_ENTRY = 90.0  # of a particle's light in a pixel, while all are fitted together
+BYTES_AN_ENTRY = 60.0  # of a particle's light in a pixel, while all are fitted together
 SAMPLE = 100  # points whose pixels are counted for that
 
 log = logging.getLogger("plenopiv")

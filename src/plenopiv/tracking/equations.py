@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Numbers = NDArray[np.int64]
 UNIT_MM = np.array([0.01, 0.01, 0.05])  # of the unknowns, so that all of a particle's information is of one order
-TOGETHER = 4000  # particles whose equations are solved at a time
+TOGETHER = 12_000  # particles whose equations are solved at a time: 2 GB at the most
 
 
 def parts(lights: Lights, place: Array, pixels: int) -> Iterator[tuple[Numbers, Numbers]]:
