@@ -9,19 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
+from plenopiv.tracking.covariance import NEIGHBOURS as MOST_NEIGHBOURS
 from plenopiv.tracking.covariance import covariance_of
 from plenopiv.tracking.evidence import misfit, without_evidence
-from plenopiv.tracking.light import PointLights
+from plenopiv.tracking.light import Lights, PointLights
 from plenopiv.tracking.pixels import Pixels
 from plenopiv.tracking.refine import UNIT_MM, Fit, Prior, fit_light, prior_std_mm, refine
 from plenopiv.tracking.search import places_of_light
 from plenopiv.volume import Limits
 
-PASSES = 8  # of fitting and searching, at most
-FIRST_STEPS, STEPS = 4, 3  # Gauss-Newton iterations of the first pass, and of those after it
 NEIGHBOURS = 12  # whose parameters are free where particles are judged on the way
-FEW = 0.01  # share of particles left out and found below which no other pass follows
-LAST_STEPS = 6
 STILL = 0.03  # standard deviations by which its own pixels must pull a particle for it to move, in the last fit ...
 ROUGHLY = 0.1  # ... and on the way
 FIRST_LIGHT = 0.5  # of the median particle's, of a particle that is found in what is left
@@ -33,12 +30,35 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
+class Effort:
+    """How much is done for a frame: ``passes`` of fitting and searching, at most; ``first_steps`` and ``steps``,
+    Gauss-Newton iterations of the first pass and of those after it, ``last_steps`` of the last fit; ``few``: share of
+    particles left out and found below which no other pass follows; ``neighbours``: whose parameters are free in the
+    error bars."""
+
+    passes: int
+    first_steps: int
+    steps: int
+    last_steps: int
+    few: float
+    neighbours: int
+
+
+FROM_A_GUESS = Effort(8, 4, 3, 6, 0.01, MOST_NEIGHBOURS)
+FROM_A_PREDICTION = Effort(2, 2, 2, 3, 0.1, 16)
+
+
+@dataclass(frozen=True)
 class FrameParticles:
     """Particles of one frame.
 
     ``position_mm`` (n, 3); ``light`` (n,), counts of all pixels together; ``covariance`` (n, 4, 4) of x, y, z (mm) and
     light (counts), larger where pixels scatter more than their noise; ``misfit`` (n,), chi^2 of a particle's pixels per
     pixel; ``chi2``: that of all lit pixels.
+
+    What pixels alone say of positions, without the prior that is in ``covariance``: ``information`` (n, 3, 3) mm^-2,
+    next to nothing along depth near focus, and ``pull`` (n, 3) mm^-1, by which the logarithm of their likelihood grows
+    with the position; None where that is not known.
     """
 
     position_mm: Array
@@ -46,6 +66,14 @@ class FrameParticles:
     covariance: Array
     misfit: Array
     chi2: float
+    information: Array | None = None
+    pull: Array | None = None
+
+    def of(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> FrameParticles:
+        """The particles ``which`` alone."""
+        said = (None if each is None else each[which] for each in (self.information, self.pull))
+        parts = self.position_mm[which], self.light[which], self.covariance[which], self.misfit[which]
+        return FrameParticles(*parts, self.chi2, *said)
 
 
 def particles_of_frame(
@@ -67,27 +95,71 @@ def particles_of_frame(
     prior = Prior(position_mm, prior_std_mm(of_points.camera))
     lights = of_points(position_mm)
     light = fit_light(lights, pixels, light)
-    position = position_mm
-    for done in range(PASSES):
-        fit = refine(of_points, pixels, position, light, prior, STEPS if done else FIRST_STEPS, lights, ROUGHLY)
+    return _fitted(of_points, pixels, lights, light, prior, limits_mm, FROM_A_GUESS, progress)[0]
+
+
+def particles_of_prediction(
+    of_points: PointLights,
+    pixels: Pixels,
+    position_mm: Array,
+    std_mm: Array,
+    light: Array,
+    limits_mm: Limits,
+    progress: Progress | None = None,
+) -> tuple[FrameParticles, NDArray[np.int64]]:
+    """The particles of one frame from predicted positions (n, 3) mm, known to ``std_mm`` (n, 3), and light (n,) counts,
+    one factor of which is free; and of each found particle which of the predicted ones it is, -1 for those that were
+    found within ``limits_mm``.
+
+    Raises:
+        PlenoPIVError: as ``particles_of_frame``.
+    """
+    if len(light) == 0:
+        raise PlenoPIVError(NONE)
+    prior = Prior(position_mm, np.minimum(std_mm, prior_std_mm(of_points.camera)))
+    lights = of_points(position_mm)
+    for _ in range(2):  # stray light, its factor, and with that the noise
+        image = lights.image(light, len(pixels.counts))
+        pixels = pixels.with_measured_noise(image == 0.0, image)
+        weighed = np.where(pixels.usable, image / pixels.variance(image), 0.0)
+        light = light * max(float(weighed @ (pixels.counts - pixels.background)) / float(weighed @ image), 0.1)
+    return _fitted(of_points, pixels, lights, light, prior, limits_mm, FROM_A_PREDICTION, progress)
+
+
+def _fitted(
+    of_points: PointLights,
+    pixels: Pixels,
+    lights: Lights,
+    light: Array,
+    prior: Prior,
+    limits_mm: Limits,
+    effort: Effort,
+    progress: Progress | None,
+) -> tuple[FrameParticles, NDArray[np.int64]]:
+    """Particles that begin where their prior has them, and which of these each is, -1 for those that were found."""
+    position, wide = prior.position_mm, prior_std_mm(of_points.camera)
+    origin = np.arange(len(light))
+    for done in range(effort.passes):
+        steps = effort.steps if done else effort.first_steps
+        fit = refine(of_points, pixels, position, light, prior, steps, lights, ROUGHLY)
         pixels = _with_noise(pixels, fit)
         out = without_evidence(fit, covariance_of(fit.normal, NEIGHBOURS), misfit(fit, pixels.usable))
-        position, light, first = fit.position_mm[~out], fit.light[~out], prior.position_mm[~out]
+        position, light, origin = fit.position_mm[~out], fit.light[~out], origin[~out]
         excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
         new, _ = places_of_light(of_points, excess, limits_mm)
         if progress is not None:
-            progress(done + 1, PASSES + 1)
+            progress(done + 1, effort.passes + 1)
         if len(light) == 0:
             raise PlenoPIVError(NONE)
         typical = float(np.median(light))
         lights = fit.lights.of(np.flatnonzero(~out)).joined(of_points(new))
-        position, first = np.concatenate([position, new]), np.concatenate([first, new])
+        position, prior = np.concatenate([position, new]), prior.of(~out).joined(new, wide)
         light = np.concatenate([light, np.full(len(new), FIRST_LIGHT * typical)])
-        prior = Prior(first, prior.std_mm)
-        if len(new) + out.sum() <= FEW * len(light):
+        origin = np.concatenate([origin, np.full(len(new), -1)])
+        if len(new) + out.sum() <= effort.few * len(light):
             break
-    fit = refine(of_points, pixels, position, light, prior, LAST_STEPS, lights, STILL)
-    return _judged(fit, pixels)
+    fit = refine(of_points, pixels, position, light, prior, effort.last_steps, lights, STILL)
+    return _judged(fit, pixels, prior, origin, effort.neighbours)
 
 
 def _with_noise(pixels: Pixels, fit: Fit) -> Pixels:
@@ -96,18 +168,37 @@ def _with_noise(pixels: Pixels, fit: Fit) -> Pixels:
     return pixels.with_measured_noise(unlit, fit.lights.image(fit.light, len(pixels.counts)))
 
 
-def _judged(fit: Fit, pixels: Pixels) -> FrameParticles:
-    """What the last fit found, without particles that the pixels do not speak for."""
-    covariance, off = covariance_of(fit.normal), misfit(fit, pixels.usable)
+def _judged(
+    fit: Fit, pixels: Pixels, prior: Prior, origin: NDArray[np.int64], neighbours: int
+) -> tuple[FrameParticles, NDArray[np.int64]]:
+    """What the last fit found, without particles that the pixels do not speak for, and the ``origin`` of each."""
+    covariance, off = covariance_of(fit.normal, neighbours), misfit(fit, pixels.usable)
     kept = ~without_evidence(fit, covariance, off)
+    scale = np.maximum(off[kept], 1.0)
+    information, pull = _of_pixels_alone(fit.position_mm[kept], covariance[kept], prior.of(kept))
     unit = np.concatenate([np.broadcast_to(UNIT_MM, (len(fit.light), 3)), fit.light[:, None]], 1)[kept]
     lit = np.zeros(len(pixels.counts), bool)
     lit[fit.lights.pixel] = True
     lit &= pixels.usable
-    return FrameParticles(
+    found = FrameParticles(
         fit.position_mm[kept],
         fit.light[kept],
-        covariance[kept] * unit[:, :, None] * unit[:, None, :] * np.maximum(off[kept], 1.0)[:, None, None],
+        covariance[kept] * unit[:, :, None] * unit[:, None, :] * scale[:, None, None],
         off[kept],
         float(np.mean(fit.residual[lit] ** 2 / fit.variance[lit])),
+        information / scale[:, None, None],
+        pull / scale[:, None],
     )
+    return found, origin[kept]
+
+
+def _of_pixels_alone(position_mm: Array, covariance: Array, prior: Prior) -> tuple[Array, Array]:
+    """Information (n, 3, 3) mm^-2 and slope (n, 3) mm^-1 of what pixels say, light and neighbours free: the prior is
+    taken off the fit's ``covariance`` (n, 4, 4), in the fit's units. Where a fit rests the slopes of both cancel."""
+    whole = np.linalg.inv(covariance[:, :3, :3])
+    for axis in range(3):
+        whole[:, axis, axis] -= prior.information[:, axis]
+    values, vectors = np.linalg.eigh(whole)
+    information = (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+    pull = prior.information / UNIT_MM**2 * (position_mm - prior.position_mm)
+    return information / UNIT_MM[:, None] / UNIT_MM, pull

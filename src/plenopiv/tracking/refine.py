@@ -44,15 +44,27 @@ LEAST_LIGHT = 1e-3  # of the median: light stays positive
 
 @dataclass(frozen=True)
 class Prior:
-    """Where particles were first seen, (n, 3) mm, and how well that is known in the least: ``std_mm`` (3,)."""
+    """Where particles were first seen, or are predicted to be, (n, 3) mm, and how well that is known in the least:
+    ``std_mm`` (3,) or (n, 3)."""
 
     position_mm: Array
     std_mm: Array
 
     @property
     def information(self) -> Array:
-        """(3,), in UNIT_MM^-2."""
-        return np.asarray((UNIT_MM / self.std_mm) ** 2)
+        """(n, 3), in UNIT_MM^-2."""
+        return np.broadcast_to((UNIT_MM / self.std_mm) ** 2, self.position_mm.shape)
+
+    def of(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> Prior:
+        """That of the particles ``which`` alone."""
+        return Prior(self.position_mm[which], self.std_mm if self.std_mm.ndim == 1 else self.std_mm[which])
+
+    def joined(self, position_mm: Array, std_mm: Array) -> Prior:
+        """The same, and then particles first seen at ``position_mm`` (k, 3), all known to ``std_mm`` (3,)."""
+        first = np.concatenate([self.position_mm, position_mm])
+        if self.std_mm.ndim == 1:
+            return Prior(first, self.std_mm)
+        return Prior(first, np.concatenate([self.std_mm, np.broadcast_to(std_mm, position_mm.shape)]))
 
 
 @dataclass(frozen=True)
@@ -95,14 +107,16 @@ def refine(
         weight, pull = pixel_weights(pixels.usable, residual, variance)
         own, slope = own_equations(lights, light, weight, pull)
         slope[:, :3] += prior.information * (prior.position_mm - position) / UNIT_MM
-        known = own + np.diag([*prior.information, 0.0]) + LEAST_KNOWN * np.eye(4)
+        known = own + LEAST_KNOWN * np.eye(4)
+        for axis in range(3):
+            known[:, axis, axis] += prior.information[:, axis]
         gain = np.einsum("ni,ni->n", slope, np.linalg.solve(known, slope[:, :, None])[:, :, 0])
         which = np.flatnonzero(gain > still**2)
         if len(which) == 0:
             break
         some = lights if len(which) == len(light) else lights.of(which)
         normal = normal_equations(some, light[which], weight)
-        step = _solved(normal, with_prior(normal, prior), slope[which])
+        step = _solved(normal, with_prior(normal, prior.of(which)), slope[which])
         position[which] += UNIT_MM * np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
         least = LEAST_LIGHT * float(np.median(light))
         light[which] = np.maximum(light[which] * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
@@ -186,7 +200,7 @@ def with_prior(normal: bsr_array, prior: Prior) -> Array:
     """Add the prior's information to the equations, in place; the particles' own blocks (n, 4, 4)."""
     own = _diagonal(normal)
     for axis in range(3):
-        normal.data[own, axis, axis] += prior.information[axis]
+        normal.data[own, axis, axis] += prior.information[:, axis]
     return np.asarray(normal.data[own], np.float64)
 
 
