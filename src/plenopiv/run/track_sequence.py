@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment.tracking_table import TrackingTable
@@ -32,6 +33,8 @@ from plenopiv.volume import SparseVolume
 
 METHOD = "multi-frame"
 BEGUN = 4  # frames that are reconstructed before others are predicted
+
+Int = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -115,19 +118,20 @@ class SequenceJob:
         """Frame ``number``: why it was lost, or its entry in the manifest; files, what was warned of, and how many of
         its particles go on with a track of the frame before."""
         with self.clock("particles"):
-            found, tracks, said = self._followed(number, record)
-        if found is None:
+            follows, said = self._followed(number, record)
+        found: PredictedFrame | TrackedFrame
+        if follows is not None:
+            found, tracks = follows
+            self.volume, dark = None, self.past[-1].dark
+        else:
             with self.clock("particles"):
                 take = partial(self.tracker.frame, number, self.report)
                 taken = taken_or_lost(self.tracker.recording, number, take)
             if isinstance(taken, LostFrame):
                 self.volume = None
                 return taken, [], [*said, *taken.warned], 0
-            tracks = self._linked(taken, record)
-            self.volume, dark, found = (number, taken.volume), taken.dark, taken
-        else:
-            self.volume, dark = None, self.past[-1].dark
-        assert tracks is not None
+            found, tracks = taken, self._linked(taken, record)
+            self.volume, dark = (number, taken.volume), taken.dark
         unused = max([int(tracks.max(initial=-1)) + 1, *(one.unused for one in self.past[-1:])])
         kept = KeptFrame(SeenFrame(number, found.particles, tracks), dark, unused)
         before = next((one.seen.track for one in self.past if one.seen.number == number - 1), np.empty(0))
@@ -136,29 +140,29 @@ class SequenceJob:
         write_frame(self.folder.path(name), kept)
         return found.entry, [name], [*said, *found.warned], int(np.isin(tracks, before).sum())
 
-    def _followed(self, number: int, record: PairRecord) -> tuple[PredictedFrame | None, np.ndarray | None, list[str]]:
-        """Frame ``number`` from predictions, the tracks of its particles, and what is to be said; None where it has to
-        be reconstructed."""
+    def _followed(self, number: int, record: PairRecord) -> tuple[tuple[PredictedFrame, Int] | None, list[str]]:
+        """Frame ``number`` from predictions and the tracks of its particles, None where it has to be reconstructed, and
+        what is to be said."""
         seen = [one.seen for one in self.past if one.seen.number >= number - FRAMES]
         if len(seen) < BEGUN or seen[-1].number < number - 1 - LOST:
-            return None, None, []
+            return None, []
         name = self.tracker.recording.frames[number].name
         by = predicted(seen, number, around(self.tracker.chain.grid))
         try:
             found = self.tracker.predicted(number, by, self.past[-1].dark, self.report)
         except PlenoPIVError:
-            return None, None, []  # reconstruction says what is wrong with the frame
+            return None, []  # reconstruction says what is wrong with the frame
         follows = followed(found.particles, found.origin, by, self.past[-1].unused)
         if follows.kept < FEWEST * len(by.track):
             said = (
                 f"{name}: {follows.kept} of {len(by.track)} particles are where the frames before let expect them; it "
                 "is reconstructed, and tracked anew"
             )
-            return None, None, [said]
+            return None, [said]
         record.numbers["left_by_prediction_mm"] = follows.off_mm.tolist()
-        return found, follows.track, []
+        return (found, follows.track), []
 
-    def _linked(self, taken: TrackedFrame, record: PairRecord) -> np.ndarray:
+    def _linked(self, taken: TrackedFrame, record: PairRecord) -> Int:
         """The tracks of a reconstructed frame's particles: those that correlation links to the frame before."""
         unused = self.past[-1].unused if self.past else 0
         tracks = unused + np.arange(len(taken.particles.light))

@@ -43,11 +43,11 @@ def smooth_tracks(folder: SeriesFolder, recording: Recording) -> xarray.Dataset:
     frames = frames_of(folder, recording)
     found = trajectories(frames)
     out = smooth_dataset([(one.number, one.particles) for one in frames], found, recording.dt_s)
-    rate = (1e-3 / recording.dt_s, recording.dt_s)
     out.attrs |= {
         "dt_s": recording.dt_s,
         "source": source(),
-        "jerk_m2_s5": (found.motion.jerk * rate[0] ** 2 / rate[1] ** 3).tolist(),
+        "jerk_m_s3": (found.motion.jerk * 1e-3 / recording.dt_s**3).tolist(),
+        "jerk_memory_s": (found.motion.memory * recording.dt_s).tolist(),
         "error_scale": found.motion.noise.tolist(),
     }
     return out

@@ -264,7 +264,7 @@ def write_folder(
         tifffile.imwrite(aside(f"{name}.tif"), image, compression="adobe_deflate", predictor=True)
     for name, arrays in truth.items():
         with open(aside(f"{name}.npz"), "wb") as f:
-            np.savez_compressed(f, **dict(arrays))
+            np.savez_compressed(f, **arrays)  # type: ignore[arg-type]
     for name in sorted(texts, key=lambda n: n == COMPLETE):
         aside(name).write_text(texts[name] + "\n")
     (out / COMPLETE).unlink(missing_ok=True)

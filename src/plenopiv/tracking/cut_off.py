@@ -1,12 +1,13 @@
-"""How far smoothing goes: the spectral density of jerk, and the size of position errors, from the tracks themselves.
+"""How far smoothing goes: spread and memory of the jerk, and the size of position errors, from the tracks themselves.
 
 Each frame's position differs from what the frames before it predict by an innovation e of variance F, both from a
-Kalman filter along one axis (``smoothing``). The density q is the one of greatest likelihood,
+Kalman filter along one axis (``smoothing``). Spread and memory are those of greatest likelihood,
 
     -2 ln L = sum (ln F + e^2 / F) ,
 
 over all tracks (Schweppe 1965, IEEE Trans. Inf. Theory 11, 61), and so is the factor by which positions scatter more
 than their standard deviations say. The first three frames of a track tell neither: they tell where it begins.
+Innovations beyond four standard deviations count by their size and not its square (Huber 1981).
 """
 
 from __future__ import annotations
@@ -19,14 +20,15 @@ from numpy.typing import NDArray
 
 from plenopiv.kernels import plain_kernel
 from plenopiv.threads import in_threads
-from plenopiv.tracking.smoothing import WIDE, Motion
+from plenopiv.tracking.smoothing import OUTLYING, WIDE, Motion, step_of
 
 TELLING = 3  # frames of a track before those whose innovations count
 LEAST_INNOVATIONS = 30  # for a likelihood
 MOST_TRACKS = 3000  # that are looked at, evenly spaced among all
-LARGEST = 16.0  # squared innovation, in variances, that one counts at most: a wrong link
-DECADES = (-9, 4)  # of q that are tried, over the variance of a position
-FINE = 5  # bisections of the best decade
+DECADES = (-9, 4)  # of q, over the variance of a position, that are tried first
+MEMORY = 3.0  # frames, that the search begins with
+MEMORIES = (0.25, 64.0)  # frames, between which it looks
+FINEST = 0.1  # step, of decades of q and of octaves of the memory, at which it ends
 COVERED, COVERED_STD = 0.95, 1.96  # spreads are those of a normal distribution with the same 95 %
 
 Array = NDArray[np.float64]
@@ -47,79 +49,126 @@ class Runs:
 def _innovations(
     begin: int, end: int,
     start: NDArray[np.int64], frame: NDArray[np.int64], value: NDArray[np.float64], variance: NDArray[np.float64],
-    jerk: float, velocity: float, acceleration: float,  # density of jerk, variances before a track begins
+    step: NDArray[np.float64], growth: NDArray[np.float64],  # (4, 4)
+    spread: NDArray[np.float64],  # (4,), variances before a track begins
     total: NDArray[np.float64],  # (tracks, 3), filled: sums of ln F and of e^2 / F, and how many
 ) -> None:  # fmt: skip
     """Sums over the innovations of tracks ``begin`` to ``end`` along one axis."""
+    x, y, gain = np.empty(4), np.empty(4), np.empty(4)
+    p, q = np.empty((4, 4)), np.empty((4, 4))
     for n in range(begin, end):
         for k in range(3):
             total[n, k] = 0.0
         a = start[n]
-        x, v, g = value[a], 0.0, 0.0
-        xx, xv, xg, vv, vg, gg = variance[a], 0.0, 0.0, velocity, 0.0, acceleration
-        for i in range(a + 1, start[n + 1]):
-            for _ in range(frame[i] - frame[i - 1]):
-                x, v = x + v + 0.5 * g, v + g
-                xx = xx + 2.0 * xv + xg + vv + vg + 0.25 * gg + jerk / 20.0
-                xv = xv + xg + vv + 1.5 * vg + 0.5 * gg + jerk / 8.0
-                xg = xg + vg + 0.5 * gg + jerk / 6.0
-                vv = vv + 2.0 * vg + gg + jerk / 3.0
-                vg = vg + gg + jerk / 2.0
-                gg = gg + jerk
-            e, f = value[i] - x, xx + variance[i]
-            if i - a >= TELLING:
+        for i in range(4):
+            x[i] = 0.0
+            for j in range(4):
+                p[i, j] = 0.0
+            p[i, i] = spread[i]
+        x[0], p[0, 0] = value[a], variance[a]
+        for m in range(a + 1, start[n + 1]):
+            for _ in range(frame[m] - frame[m - 1]):
+                for i in range(4):
+                    y[i] = 0.0
+                    for k in range(i, 4):
+                        y[i] += step[i, k] * x[k]
+                    for j in range(4):
+                        q[i, j] = 0.0
+                        for k in range(i, 4):
+                            q[i, j] += step[i, k] * p[k, j]
+                for i in range(4):
+                    x[i] = y[i]
+                    for j in range(i, 4):
+                        moved = growth[i, j]
+                        for k in range(j, 4):
+                            moved += q[i, k] * step[j, k]
+                        p[i, j] = moved
+                        p[j, i] = moved
+            e, f = value[m] - x[0], p[0, 0] + variance[m]
+            if m - a >= TELLING:
                 total[n, 0] += np.log(f)
-                total[n, 1] += min(e * e / f, LARGEST)
+                z = abs(e) / f**0.5
+                total[n, 1] += z * z if z < OUTLYING else OUTLYING * (2.0 * z - OUTLYING)
                 total[n, 2] += 1.0
-            kx, kv, kg = xx / f, xv / f, xg / f
-            x, v, g = x + kx * e, v + kv * e, g + kg * e
-            gg, vg, vv = gg - kg * xg, vg - kv * xg, vv - kv * xv
-            xg, xv, xx = xg - kx * xg, xv - kx * xv, xx - kx * xx
+            for i in range(4):
+                gain[i] = p[0, i] / f
+                y[i] = p[0, i]
+            for i in range(4):
+                x[i] += gain[i] * e
+                for j in range(4):
+                    p[i, j] -= gain[i] * y[j]
 
 
-def motion_of(runs: Runs, with_noise: bool = True) -> Motion:
+def motion_of(runs: Runs, with_noise: bool = True, most_tracks: int = MOST_TRACKS) -> Motion:
     """How the particles of tracks move. Without ``with_noise`` position errors are taken to be of the size stated.
+    ``most_tracks``: that are looked at, evenly spaced among all.
 
     Where tracks are too few or too short to tell, acceleration changes by its own spread within a frame.
     """
     tracks = len(runs.start) - 1
-    runs = _some(runs, max(-(-tracks // MOST_TRACKS), 1))
+    runs = _some(runs, max(-(-tracks // most_tracks), 1))
     velocity, acceleration = _spreads(runs)
-    jerk, noise = acceleration**2, np.ones(3)
+    jerk, memory, noise = acceleration.copy(), np.full(3, MEMORY), np.ones(3)
     for axis in range(3):
         value, variance = np.ascontiguousarray(runs.position_mm[:, axis]), np.ascontiguousarray(runs.variance[:, axis])
-        typical = float(np.median(variance)) if len(variance) else 0.0
-        if typical <= 0.0:
+        if not len(variance):
             continue
-        before = (WIDE * velocity[axis]) ** 2, (WIDE * acceleration[axis]) ** 2
-        decades = np.arange(DECADES[0], DECADES[1] + 1.0)
-        tried = [(_unlikely(runs, value, variance, typical * 10.0**d, before, with_noise), d) for d in decades]
-        if not np.isfinite(tried[0][0][0]):
-            continue
-        width = 1.0
-        for _ in range(FINE):
-            width *= 0.5
-            best = min(tried)[1]
-            tried += [
-                (_unlikely(runs, value, variance, typical * 10.0**d, before, with_noise), d)
-                for d in (best - width, best + width)
-            ]
-        (_, noise[axis]), decade = min(tried)
-        jerk[axis] = typical * 10.0**decade * noise[axis] ** 2
-    return Motion(jerk, velocity, acceleration, noise)
+        begun = (WIDE * velocity[axis]) ** 2, (WIDE * acceleration[axis]) ** 2
+        search = _Search(runs, value, variance, begun, with_noise)
+        if search.enough:
+            jerk[axis], memory[axis], noise[axis] = search.best()
+    return Motion(jerk, memory, velocity, acceleration, noise)
 
 
-def _unlikely(
-    runs: Runs, value: Array, variance: Array, jerk: float, before: tuple[float, float], with_noise: bool
-) -> tuple[float, float]:
-    """-2 ln L of a density of jerk along an axis, with the likeliest factor of errors, at least 1, and that factor."""
-    total = np.empty((len(runs.start) - 1, 3))
-    in_threads(_innovations, len(total), runs.start, runs.frame, value, variance, jerk, *before, total)
-    logs, squares, count = total.sum(0)
-    if count < LEAST_INNOVATIONS:
-        return np.inf, 1.0
-    scale = max(squares / count, 1.0) if with_noise else 1.0
-    return float(logs + count * log(scale) + squares / scale), float(scale**0.5)
+class _Search:
+    """Looks for the likeliest motion along an axis."""
+
+    def __init__(self, runs: Runs, value: Array, variance: Array, begun: tuple[float, float], with_noise: bool):
+        self.runs, self.value, self.variance, self.begun, self.with_noise = runs, value, variance, begun, with_noise
+        self.typical = float(np.median(variance))
+        self.total = np.empty((len(runs.start) - 1, 3))
+        self.known: dict[tuple[float, float], tuple[float, float]] = {}
+
+    @property
+    def enough(self) -> bool:
+        """Whether the tracks have so many innovations that they tell something."""
+        return int(np.maximum(np.diff(self.runs.start) - TELLING, 0).sum()) >= LEAST_INNOVATIONS
+
+    def best(self) -> tuple[float, float, float]:
+        """The spread of the jerk, its memory, and the factor of errors: by decades of q, then by steps that are halved
+        where none leads on (compass search)."""
+        octave = float(np.log2(MEMORY))
+        decade = min((self.at(float(d), octave), float(d)) for d in range(DECADES[0], DECADES[1] + 1))[1]
+        at, step = (decade, octave), 1.0
+        low, high = np.log2(MEMORIES)
+        while step > FINEST:
+            step *= 0.5
+            while True:
+                around = [(at[0] + step, at[1]), (at[0] - step, at[1])]
+                around += [(at[0], float(np.clip(at[1] + sign * 4.0 * step, low, high))) for sign in (1, -1)]
+                better = min(around, key=lambda one: self.at(*one))
+                if not self.at(*better) < self.at(*at):
+                    break
+                at = better
+        noise = self.known[at][1]
+        return self._jerk(*at) * noise, 2.0 ** at[1], noise
+
+    def _jerk(self, decade: float, octave: float) -> float:
+        return float((self.typical * 10.0**decade / (2.0 * 2.0**octave)) ** 0.5)
+
+    def at(self, decade: float, octave: float) -> tuple[float, float]:
+        """-2 ln L at a decade of q and an octave of the memory, with the likeliest factor of errors, at least 1, and
+        that factor."""
+        if (decade, octave) not in self.known:
+            step, growth = step_of(2.0**octave)
+            square = self._jerk(decade, octave) ** 2
+            spread = np.array([0.0, *self.begun, square])
+            fixed = self.runs.start, self.runs.frame, self.value, self.variance, step, square * growth, spread
+            in_threads(_innovations, len(self.total), *fixed, self.total)
+            logs, squares, count = self.total.sum(0)
+            scale = max(squares / count, 1.0) if self.with_noise else 1.0
+            self.known[decade, octave] = float(logs + count * log(scale) + squares / scale), float(scale**0.5)
+        return self.known[decade, octave]
 
 
 def _some(runs: Runs, every: int) -> Runs:

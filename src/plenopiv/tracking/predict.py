@@ -23,6 +23,7 @@ from plenopiv.volume import Limits
 FRAMES = 8  # the last ones, that a prediction rests on
 LOST = 2  # frames in which a track may not be seen before it ends
 SHORT = 4  # frames below which neighbours tell a track's velocity
+TOLD_BY = 300  # tracks tell how particles move
 LIGHT_FRAMES = 4  # the last ones, whose mean is the light predicted
 
 Array = NDArray[np.float64]
@@ -49,7 +50,7 @@ def predicted(frames: Sequence[SeenFrame], number: int, limits_mm: Limits) -> Pr
     if not recent:
         return nothing
     every = together(recent)
-    motion = motion_of(every.runs(), with_noise=False)
+    motion = motion_of(every.runs(), False, TOLD_BY)
     alive = every.of(np.flatnonzero(every.last >= number - 1 - LOST))
     if len(alive.start) == 1:
         return nothing
@@ -97,4 +98,4 @@ def _light(tracks: Together) -> Array:
 
 
 def _unknown() -> Motion:
-    return Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.ones(3))
+    return Motion(np.zeros(3), np.ones(3), np.zeros(3), np.zeros(3), np.ones(3))

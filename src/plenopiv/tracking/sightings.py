@@ -47,8 +47,8 @@ class Together:
         length = np.diff(self.start)[which]
         start = np.concatenate([[0], np.cumsum(length)])
         at = np.repeat(self.start[which] - start[:-1], length) + np.arange(start[-1])
-        parts = self.track, self.frame, self.origin, self.position_mm, self.information, self.pull, self.light
-        return Together(*(part[at] for part in parts), start)
+        of_pixels = self.position_mm[at], self.information[at], self.pull[at], self.light[at]
+        return Together(self.track[at], self.frame[at], self.origin[at], *of_pixels, start)
 
     @property
     def length(self) -> Int:
@@ -104,4 +104,4 @@ def together(frames: Sequence[SeenFrame]) -> Together:
 def _of_pixels(particles: FrameParticles) -> tuple[Array, Array]:
     if particles.information is not None and particles.pull is not None:
         return particles.information, particles.pull
-    return np.linalg.inv(particles.covariance[:, :3, :3]), np.zeros_like(particles.position_mm)
+    return np.asarray(np.linalg.inv(particles.covariance[:, :3, :3])), np.zeros_like(particles.position_mm)

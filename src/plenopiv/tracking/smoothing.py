@@ -1,47 +1,89 @@
 """Particles along their tracks: position, velocity and acceleration by a Kalman filter and smoother.
 
-Between frames a particle's jerk is white noise of spectral density q along each axis, so that its acceleration is a
-random walk; the best estimate from all frames is then a quintic smoothing spline (Wahba 1978, J. R. Stat. Soc. B 40,
-364), the one of least
+Between frames a particle's jerk j is random, with a spread s and a memory of tau frames along each axis,
 
-    sum over frames of the pixels' misfit  +  1/q integral of |third derivative|^2 .
+    dj = -j / tau dt + s sqrt(2 / tau) dW .
 
-This is what TrackFit's penalised B-splines approximate (Gesemann, Huhn, Schanz & Schroder 2016, 18th Int. Symp. on
-Applications of Laser Techniques to Fluid Mechanics); q sets its cut-off, as there the weight of the penalty
-(``cut_off``). Forward in time it is a Kalman filter, which predicts the next frame, and back again the smoother of
-Rauch, Tung & Striebel (1965, AIAA J. 3, 1445), with the covariances of all nine quantities.
+Where the memory is short the acceleration is a random walk, and the best estimate from all frames is the quintic
+smoothing spline, of least misfit + 1/q integral of |third derivative|^2 with q = 2 s^2 tau (Wahba 1978, J. R. Stat.
+Soc. B 40, 364), which TrackFit's penalised B-splines approximate (Gesemann, Huhn, Schanz & Schroder 2016, 18th Int.
+Symp. on Applications of Laser Techniques to Fluid Mechanics); where it is long, paths are smoother still. Both set the
+cut-off, and are chosen from all tracks (``cut_off``). Forward in time it is a Kalman filter, which predicts the next
+frame, and back again the smoother of Rauch, Tung & Striebel (1965, AIAA J. 3, 1445), with all covariances.
 
 What a frame says of a position is taken as information, not as a covariance: near focus there is none along depth.
-Time is in frames, lengths in mm. A state is (x, y, z, their velocities, their accelerations).
+Time is in frames, lengths in mm. A state is (x, y, z, their velocities, accelerations, jerks).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-STEP = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])  # of position, velocity, acceleration in a frame
-GROWTH = np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1.0]])  # of their covariance, over q
+ORDERS = 4  # position, velocity, acceleration, jerk
+SIZE = 3 * ORDERS
 SOMEWHERE_MM = 1.0  # standard deviation of a position before it is seen
+NODES = 8  # of a quadrature over a frame
 WIDE = 3.0  # times the spread of all particles' velocities and accelerations is that of one before it is seen
 OUTLYING = 4.0  # standard deviations from its track from which on a frame's position counts less (Huber 1981)
 
 Array = NDArray[np.float64]
-MOVE = np.kron(STEP, np.eye(3))
 
 
 @dataclass(frozen=True)
 class Motion:
-    """How particles move: ``jerk`` (3,), the spectral density of jerk along each axis, mm^2 / frame^5; spread (3,) of
-    all particles' ``velocity``, mm / frame, and ``acceleration``, mm / frame^2; ``noise`` (3,): by what factor
-    positions scatter more than their frames say."""
+    """How particles move: spread (3,) of the ``jerk`` along each axis, mm / frame^3, and its ``memory`` (3,), frames;
+    spread (3,) of all particles' ``velocity``, mm / frame, and ``acceleration``, mm / frame^2; ``noise`` (3,): by what
+    factor positions scatter more than their frames say."""
 
     jerk: Array
+    memory: Array
     velocity: Array
     acceleration: Array
     noise: Array
+
+    @cached_property
+    def step(self) -> Array:
+        """What a state is multiplied by in a frame (12, 12)."""
+        return _by_axes([step_of(memory)[0] for memory in self.memory])
+
+    @cached_property
+    def growth(self) -> Array:
+        """What is added to its covariance (12, 12)."""
+        growths = [jerk**2 * step_of(memory)[1] for jerk, memory in zip(self.jerk, self.memory, strict=True)]
+        return _by_axes(growths)
+
+
+def step_of(memory: float) -> tuple[Array, Array]:
+    """What position, velocity, acceleration and jerk along an axis are multiplied by in a frame (4, 4), and what is
+    added to their covariance where the jerk's spread is 1 (4, 4)."""
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    later, weights = 0.5 * (nodes + 1.0), 0.5 * weights
+    of_jerk = np.stack(_after_jerk(later, memory))
+    growth = (2.0 / memory) * (of_jerk * weights) @ of_jerk.T
+    step = np.array([[1.0, 1.0, 0.5, 0.0], [0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
+    step[:, 3] = [float(each) for each in _after_jerk(np.float64(1.0), memory)]
+    return step, growth
+
+
+def _after_jerk(t: Any, memory: float) -> tuple[Any, Any, Any, Any]:
+    """Position, velocity, acceleration and jerk at time t after a jerk of 1."""
+    jerk = np.exp(-t / memory)
+    acceleration = memory * (1.0 - jerk)
+    velocity = memory * (t - acceleration)
+    return memory * (0.5 * t * t - velocity), velocity, acceleration, jerk
+
+
+def _by_axes(each: list[Array]) -> Array:
+    """One matrix (12, 12) of those of x, y and z (4, 4)."""
+    out = np.zeros((SIZE, SIZE))
+    for axis in range(3):
+        out[axis::3, axis::3] = each[axis]
+    return out
 
 
 @dataclass(frozen=True)
@@ -64,7 +106,7 @@ class Sightings:
 
 @dataclass(frozen=True)
 class States:
-    """Estimates of n particles: ``mean`` (..., 9) and ``covariance`` (..., 9, 9), in mm and frames."""
+    """Estimates of n particles: ``mean`` (..., 12) and ``covariance`` (..., 12, 12), in mm and frames."""
 
     mean: Array
     covariance: Array
@@ -72,16 +114,16 @@ class States:
 
 def at_rest(position_mm: Array, motion: Motion) -> States:
     """Particles somewhere near ``position_mm`` (n, 3) before they are seen."""
-    mean = np.zeros((len(position_mm), 9))
+    mean = np.zeros((len(position_mm), SIZE))
     mean[:, :3] = position_mm
-    spread = np.concatenate([np.full(3, SOMEWHERE_MM), WIDE * motion.velocity, WIDE * motion.acceleration]) ** 2
-    return States(mean, np.broadcast_to(np.diag(spread), (len(mean), 9, 9)).copy())
+    known = np.full(3, SOMEWHERE_MM), WIDE * motion.velocity, WIDE * motion.acceleration, motion.jerk
+    return States(mean, np.broadcast_to(np.diag(np.concatenate(known) ** 2), (len(mean), SIZE, SIZE)).copy())
 
 
 def moved(states: States, motion: Motion) -> States:
     """The states one frame later."""
-    covariance = MOVE @ states.covariance @ MOVE.T + np.kron(GROWTH, np.diag(motion.jerk))
-    return States(states.mean @ MOVE.T, covariance)
+    covariance = motion.step @ states.covariance @ motion.step.T + motion.growth
+    return States(states.mean @ motion.step.T, covariance)
 
 
 def updated(states: States, position_mm: Array, information: Array, pull: Array) -> States:
@@ -123,7 +165,7 @@ def smoothed(seen: Sightings, motion: Motion, passes: int = 2) -> States:
     weight = np.ones(seen.position_mm.shape[:2])
     for turn in range(passes):
         before, after = filtered(seen.weighted(weight), first, start, motion)
-        found = _backward(before, after)
+        found = _backward(before, after, motion)
         if turn + 1 < passes:
             off = seen.position_mm - found.mean[:, :, :3]
             chi2 = np.einsum("nti,ntij,ntj->nt", off, seen.information, off)
@@ -131,11 +173,11 @@ def smoothed(seen: Sightings, motion: Motion, passes: int = 2) -> States:
     return found
 
 
-def _backward(before: States, after: States) -> States:
+def _backward(before: States, after: States, motion: Motion) -> States:
     """The smoother of Rauch, Tung & Striebel: (T, n, ...) -> (n, T, ...)."""
     mean, covariance = after.mean.copy(), after.covariance.copy()
     for t in range(len(mean) - 2, -1, -1):
-        moved_on = MOVE @ after.covariance[t]  # G = P F^T P_later^-1, transposed
+        moved_on = motion.step @ after.covariance[t]  # G = P F^T P_later^-1, transposed
         gain = np.swapaxes(np.linalg.solve(before.covariance[t + 1], moved_on), 1, 2)
         mean[t] += np.einsum("nij,nj->ni", gain, mean[t + 1] - before.mean[t + 1])
         covariance[t] += gain @ (covariance[t + 1] - before.covariance[t + 1]) @ np.swapaxes(gain, 1, 2)

@@ -49,7 +49,7 @@ def trajectories(frames: Sequence[SeenFrame]) -> Trajectories:
         begin, frames_of_all = some.first, int((some.last - some.first).max()) + 1
         found = smoothed(some.sightings(begin, frames_of_all), motion)
         row, at = np.repeat(np.arange(len(which)), some.length), some.frame - np.repeat(begin, some.length)
-        mean[some.origin], covariance[some.origin] = found.mean[row, at], found.covariance[row, at]
+        mean[some.origin], covariance[some.origin] = found.mean[row, at, :9], found.covariance[row, at, :9, :9]
         few = some.origin[np.repeat(some.length, some.length) < LEAST_FRAMES]
         mean[few, 6:] = covariance[few, 6:] = covariance[few, :, 6:] = np.nan
     frame = np.repeat([one.number for one in frames], [len(one.track) for one in frames]).astype(np.int64)
