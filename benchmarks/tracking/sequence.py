@@ -5,10 +5,11 @@
 writes sequence.json beside itself and the table of docs/tracking.md.
 
 Each case is a simulated sequence of a small camera (PMR 14, M = -1): particles circle about the optical axis in a
-Lamb-Oseen vortex, on which an ABC flow lies, so that accelerations are those of curved paths. It is tracked by
-plenopiv track with tracking.method = "multi-frame". True particles count that stay in the volume, beyond 1.5 half dead
-zones and with all of their light on the sensor, throughout. CPU seconds of a later frame are all that is done for it
-until it is written; those of MART are of the first frames' reconstruction in the same run.
+Lamb-Oseen vortex, on which an ABC flow lies, so that accelerations are those of curved paths; they are lit within the
+volume, which some leave and others enter. It is tracked by plenopiv track with tracking.method = "multi-frame". True
+particles count that stay in the volume, beyond 1.5 half dead zones and with all of their light on the sensor,
+throughout. CPU seconds of a later frame are all that is done for it until it is written; those of MART are of the first
+frames' reconstruction in the same run.
 """
 
 from __future__ import annotations
@@ -88,6 +89,7 @@ def measure(ppm: float, depth_mm: float, electrons: float, columns: int, frames:
             dt_s=DT_S,
             volume_mm=volume,
             seeding=Seeding(ppm, electrons_per_pixel=electrons, margin_mm=(0.3, 0.3, 0.1)),
+            lit_mm=volume,
             rays=RAYS,
             voxel_mm=tuple(VOXEL_MM),
             windows=((64, 64, 24), (48, 48, 16)),

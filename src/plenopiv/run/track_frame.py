@@ -14,12 +14,13 @@ from plenopiv.chain import Chain
 from plenopiv.recording import Recording
 from plenopiv.run.frame import Progress
 from plenopiv.run.inputs import frame_entry, of_image
-from plenopiv.tracking.frame import FrameParticles, particles_of_frame, particles_of_prediction
+from plenopiv.tracking.frame import FrameParticles, particles_of_frame
 from plenopiv.tracking.light import PointLights, diffraction_px
 from plenopiv.tracking.peaks import peaks
 from plenopiv.tracking.pixels import Pixels
 from plenopiv.tracking.predict import Predicted
 from plenopiv.tracking.rim import clipped_by_rim
+from plenopiv.tracking.shaken import particles_of_prediction
 from plenopiv.volume import Limits, SparseVolume, VoxelGrid
 
 AROUND = 4  # voxels beyond the volume in which particles are looked for too: they light the same pixels
@@ -124,15 +125,17 @@ class FrameTracker:
         image, static = self.recording.light(number)
         pixels = self.pixels(image, dark, static)
         stage = partial(report, f"particles of {source.name}")
-        position, covariance = by.position_mm, by.covariance
+        active = np.flatnonzero(by.active)
+        position, covariance = by.position_mm[active], by.covariance[active]
         if chain.space is not None:
             position = chain.space.to_lens(position)
             turned = np.linalg.inv(chain.space.to_laboratory.jacobian(position))
             covariance = turned @ covariance @ np.swapaxes(turned, 1, 2)
         std = np.sqrt(np.einsum("nii->ni", covariance))
         found, origin = particles_of_prediction(
-            self.of_points, pixels, position, std, by.light, around(chain.lens_grid), stage
+            self.of_points, pixels, position, std, by.light[active], around(chain.lens_grid), stage
         )
+        origin = np.where(origin >= 0, active[origin], -1)
         if chain.space is not None:
             found = in_laboratory(found, chain.space)
             inside = is_within(found.position_mm, around(chain.grid))

@@ -153,10 +153,10 @@ class SequenceJob:
         except PlenoPIVError:
             return None, []  # reconstruction says what is wrong with the frame
         follows = followed(found.particles, found.origin, by, self.past[-1].unused)
-        if follows.kept < FEWEST * len(by.track):
+        if follows.kept < FEWEST * by.active.sum():
             said = (
-                f"{name}: {follows.kept} of {len(by.track)} particles are where the frames before let expect them; it "
-                "is reconstructed, and tracked anew"
+                f"{name}: {follows.kept} of {int(by.active.sum())} particles are where the frames before let expect "
+                "them; it is reconstructed, and tracked anew"
             )
             return None, [said]
         record.numbers["left_by_prediction_mm"] = follows.off_mm.tolist()

@@ -64,6 +64,7 @@ def simulate_sequence(
     volume_mm: Limits,
     seeding: Seeding | None = None,
     particles: tuple[Particles, ...] | None = None,
+    lit_mm: Limits | None = None,
     noise: SensorNoise | None = None,
     wavelength_nm: float = 532.0,
     rays: int = 20_000,
@@ -75,7 +76,8 @@ def simulate_sequence(
     """Simulate so many ``frames``, ``dt_s`` apart, and the white image, and write the recording's folder.
 
     As ``simulate_recording``; particles are seeded evenly half way in time, within the volume and
-    ``seeding.margin_mm``, by default nothing. ``particles``: those of each frame, instead.
+    ``seeding.margin_mm``, by default nothing. ``particles``: those of each frame, instead. ``lit_mm``: the box that is
+    lit; particles that leave it are dark, and those that enter it shine. None: all shine.
 
     Raises:
         PlenoPIVError: as ``simulate_recording``; fewer than two frames.
@@ -106,7 +108,9 @@ def simulate_sequence(
     flat = white_image(camera, WhiteLight().electrons_per_pixel, diffraction_nm=wavelength_nm)
     images: dict[str, NDArray[np.uint16]] = {"white": digitise(flat, camera.sensor, noise, white_rng)}
     for number, (name, frame) in enumerate(zip(names, particles, strict=True)):
-        light = particle_image(camera, frame, rays=rays, seed=frames * seed + number, diffraction_nm=wavelength_nm)
+        light = particle_image(
+            camera, _lit(frame, lit_mm), rays=rays, seed=frames * seed + number, diffraction_nm=wavelength_nm
+        )
         light += seeding.background_electrons
         images[name] = digitise(light, camera.sensor, noise, noise_rngs[number])
     kind, parameters = describe(flow)
@@ -129,3 +133,12 @@ def simulate_sequence(
     positions = np.stack([frame.position_mm for frame in particles])
     write_folder(out, images, {"truth_particles": {"position_mm": positions}}, texts)
     return SimulatedSequence(out, particles)
+
+
+def _lit(particles: Particles, lit_mm: Limits | None) -> Particles:
+    """Those within the box that is lit."""
+    if lit_mm is None:
+        return particles
+    low, high = np.transpose(lit_mm)
+    inside = ((particles.position_mm >= low) & (particles.position_mm <= high)).all(1)
+    return Particles(particles.position_mm[inside], particles.electrons[inside], particles.diameter_mm)

@@ -5,9 +5,10 @@ Kalman filter along one axis (``smoothing``). Spread and memory are those of gre
 
     -2 ln L = sum (ln F + e^2 / F) ,
 
-over all tracks (Schweppe 1965, IEEE Trans. Inf. Theory 11, 61), and so is the factor by which positions scatter more
-than their standard deviations say. The first three frames of a track tell neither: they tell where it begins.
-Innovations beyond four standard deviations count by their size and not its square (Huber 1981).
+over all tracks (Schweppe 1965, IEEE Trans. Inf. Theory 11, 61). The factor by which positions scatter more than their
+standard deviations say is that of 68 % of the innovations, as errors have long tails. The first three frames of a track
+tell neither: they tell where it begins. Innovations beyond four standard deviations count by their size and not its
+square (Huber 1981).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from plenopiv.kernels import plain_kernel
 from plenopiv.threads import in_threads
 from plenopiv.tracking.smoothing import OUTLYING, WIDE, Motion, step_of
 
+ONE_STD = 0.683  # of a normal distribution within a standard deviation
 TELLING = 3  # frames of a track before those whose innovations count
 LEAST_INNOVATIONS = 30  # for a likelihood
 MOST_TRACKS = 3000  # that are looked at, evenly spaced among all
@@ -51,15 +53,15 @@ def _innovations(
     start: NDArray[np.int64], frame: NDArray[np.int64], value: NDArray[np.float64], variance: NDArray[np.float64],
     step: NDArray[np.float64], growth: NDArray[np.float64],  # (4, 4)
     spread: NDArray[np.float64],  # (4,), variances before a track begins
-    total: NDArray[np.float64],  # (tracks, 3), filled: sums of ln F and of e^2 / F, and how many
+    log_f: NDArray[np.float64], z: NDArray[np.float64],  # (m,), filled: ln F and |e| / F^1/2; 0 in the first frames
 ) -> None:  # fmt: skip
-    """Sums over the innovations of tracks ``begin`` to ``end`` along one axis."""
+    """The innovations of tracks ``begin`` to ``end`` along one axis."""
     x, y, gain = np.empty(4), np.empty(4), np.empty(4)
     p, q = np.empty((4, 4)), np.empty((4, 4))
     for n in range(begin, end):
-        for k in range(3):
-            total[n, k] = 0.0
         a = start[n]
+        for i in range(a, start[n + 1]):
+            log_f[i], z[i] = 0.0, 0.0
         for i in range(4):
             x[i] = 0.0
             for j in range(4):
@@ -86,10 +88,7 @@ def _innovations(
                         p[j, i] = moved
             e, f = value[m] - x[0], p[0, 0] + variance[m]
             if m - a >= TELLING:
-                total[n, 0] += np.log(f)
-                z = abs(e) / f**0.5
-                total[n, 1] += z * z if z < OUTLYING else OUTLYING * (2.0 * z - OUTLYING)
-                total[n, 2] += 1.0
+                log_f[m], z[m] = np.log(f), abs(e) / f**0.5
             for i in range(4):
                 gain[i] = p[0, i] / f
                 y[i] = p[0, i]
@@ -126,13 +125,15 @@ class _Search:
     def __init__(self, runs: Runs, value: Array, variance: Array, begun: tuple[float, float], with_noise: bool):
         self.runs, self.value, self.variance, self.begun, self.with_noise = runs, value, variance, begun, with_noise
         self.typical = float(np.median(variance))
-        self.total = np.empty((len(runs.start) - 1, 3))
+        place = np.arange(len(runs.frame)) - np.repeat(runs.start[:-1], np.diff(runs.start))
+        self.telling = np.flatnonzero(place >= TELLING)
+        self.log_f, self.z = np.empty(len(runs.frame)), np.empty(len(runs.frame))
         self.known: dict[tuple[float, float], tuple[float, float]] = {}
 
     @property
     def enough(self) -> bool:
         """Whether the tracks have so many innovations that they tell something."""
-        return int(np.maximum(np.diff(self.runs.start) - TELLING, 0).sum()) >= LEAST_INNOVATIONS
+        return len(self.telling) >= LEAST_INNOVATIONS
 
     def best(self) -> tuple[float, float, float]:
         """The spread of the jerk, its memory, and the factor of errors: by decades of q, then by steps that are halved
@@ -157,17 +158,21 @@ class _Search:
         return float((self.typical * 10.0**decade / (2.0 * 2.0**octave)) ** 0.5)
 
     def at(self, decade: float, octave: float) -> tuple[float, float]:
-        """-2 ln L at a decade of q and an octave of the memory, with the likeliest factor of errors, at least 1, and
-        that factor."""
+        """-2 ln L at a decade of q and an octave of the memory, with the factor of errors that 68 % of the innovations
+        have, at least 1, and that factor."""
         if (decade, octave) not in self.known:
             step, growth = step_of(2.0**octave)
             square = self._jerk(decade, octave) ** 2
             spread = np.array([0.0, *self.begun, square])
             fixed = self.runs.start, self.runs.frame, self.value, self.variance, step, square * growth, spread
-            in_threads(_innovations, len(self.total), *fixed, self.total)
-            logs, squares, count = self.total.sum(0)
-            scale = max(squares / count, 1.0) if self.with_noise else 1.0
-            self.known[decade, octave] = float(logs + count * log(scale) + squares / scale), float(scale**0.5)
+            in_threads(_innovations, len(self.runs.start) - 1, *fixed, self.log_f, self.z)
+            z, scale = self.z[self.telling], 1.0
+            if self.with_noise:
+                scale = max(float(np.quantile(z, ONE_STD)), 1.0)
+            z = z / scale
+            squares = np.where(z < OUTLYING, z * z, OUTLYING * (2.0 * z - OUTLYING))
+            unlikely = float(self.log_f.sum() + 2.0 * len(z) * log(scale) + squares.sum())
+            self.known[decade, octave] = unlikely, scale
         return self.known[decade, octave]
 
 

@@ -18,7 +18,11 @@ from plenopiv.tracking.refine import UNIT_MM, Fit, Prior, fit_light, prior_std_m
 from plenopiv.tracking.search import places_of_light
 from plenopiv.volume import Limits
 
+PASSES = 8  # of fitting and searching, at most
+FIRST_STEPS, STEPS = 4, 3  # Gauss-Newton iterations of the first pass, and of those after it
 NEIGHBOURS = 12  # whose parameters are free where particles are judged on the way
+FEW = 0.01  # share of particles left out and found below which no other pass follows
+LAST_STEPS = 6
 STILL = 0.03  # standard deviations by which its own pixels must pull a particle for it to move, in the last fit ...
 ROUGHLY = 0.1  # ... and on the way
 FIRST_LIGHT = 0.5  # of the median particle's, of a particle that is found in what is left
@@ -27,25 +31,6 @@ NONE = "tracking: the pixels speak for no particle; check camera, calibration an
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How much is done for a frame: ``passes`` of fitting and searching, at most; ``first_steps`` and ``steps``,
-    Gauss-Newton iterations of the first pass and of those after it, ``last_steps`` of the last fit; ``few``: share of
-    particles left out and found below which no other pass follows; ``neighbours``: whose parameters are free in the
-    error bars."""
-
-    passes: int
-    first_steps: int
-    steps: int
-    last_steps: int
-    few: float
-    neighbours: int
-
-
-FROM_A_GUESS = Effort(8, 4, 3, 6, 0.01, MOST_NEIGHBOURS)
-FROM_A_PREDICTION = Effort(2, 2, 2, 3, 0.1, 16)
 
 
 @dataclass(frozen=True)
@@ -95,83 +80,41 @@ def particles_of_frame(
     prior = Prior(position_mm, prior_std_mm(of_points.camera))
     lights = of_points(position_mm)
     light = fit_light(lights, pixels, light)
-    return _fitted(of_points, pixels, lights, light, prior, limits_mm, FROM_A_GUESS, progress)[0]
-
-
-def particles_of_prediction(
-    of_points: PointLights,
-    pixels: Pixels,
-    position_mm: Array,
-    std_mm: Array,
-    light: Array,
-    limits_mm: Limits,
-    progress: Progress | None = None,
-) -> tuple[FrameParticles, NDArray[np.int64]]:
-    """The particles of one frame from predicted positions (n, 3) mm, known to ``std_mm`` (n, 3), and light (n,) counts,
-    one factor of which is free; and of each found particle which of the predicted ones it is, -1 for those that were
-    found within ``limits_mm``.
-
-    Raises:
-        PlenoPIVError: as ``particles_of_frame``.
-    """
-    if len(light) == 0:
-        raise PlenoPIVError(NONE)
-    prior = Prior(position_mm, np.minimum(std_mm, prior_std_mm(of_points.camera)))
-    lights = of_points(position_mm)
-    for _ in range(2):  # stray light, its factor, and with that the noise
-        image = lights.image(light, len(pixels.counts))
-        pixels = pixels.with_measured_noise(image == 0.0, image)
-        weighed = np.where(pixels.usable, image / pixels.variance(image), 0.0)
-        light = light * max(float(weighed @ (pixels.counts - pixels.background)) / float(weighed @ image), 0.1)
-    return _fitted(of_points, pixels, lights, light, prior, limits_mm, FROM_A_PREDICTION, progress)
-
-
-def _fitted(
-    of_points: PointLights,
-    pixels: Pixels,
-    lights: Lights,
-    light: Array,
-    prior: Prior,
-    limits_mm: Limits,
-    effort: Effort,
-    progress: Progress | None,
-) -> tuple[FrameParticles, NDArray[np.int64]]:
-    """Particles that begin where their prior has them, and which of these each is, -1 for those that were found."""
-    position, wide = prior.position_mm, prior_std_mm(of_points.camera)
-    origin = np.arange(len(light))
-    for done in range(effort.passes):
-        steps = effort.steps if done else effort.first_steps
-        fit = refine(of_points, pixels, position, light, prior, steps, lights, ROUGHLY)
-        pixels = _with_noise(pixels, fit)
+    position = position_mm
+    for done in range(PASSES):
+        fit = refine(of_points, pixels, position, light, prior, STEPS if done else FIRST_STEPS, lights, ROUGHLY)
+        pixels = with_noise(pixels, fit.lights, fit.light)
         out = without_evidence(fit, covariance_of(fit.normal, NEIGHBOURS), misfit(fit, pixels.usable))
-        position, light, origin = fit.position_mm[~out], fit.light[~out], origin[~out]
+        position, light, first = fit.position_mm[~out], fit.light[~out], prior.position_mm[~out]
         excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
         new, _ = places_of_light(of_points, excess, limits_mm)
         if progress is not None:
-            progress(done + 1, effort.passes + 1)
+            progress(done + 1, PASSES + 1)
         if len(light) == 0:
             raise PlenoPIVError(NONE)
         typical = float(np.median(light))
         lights = fit.lights.of(np.flatnonzero(~out)).joined(of_points(new))
-        position, prior = np.concatenate([position, new]), prior.of(~out).joined(new, wide)
+        position, first = np.concatenate([position, new]), np.concatenate([first, new])
         light = np.concatenate([light, np.full(len(new), FIRST_LIGHT * typical)])
-        origin = np.concatenate([origin, np.full(len(new), -1)])
-        if len(new) + out.sum() <= effort.few * len(light):
+        prior = Prior(first, prior.std_mm)
+        if len(new) + out.sum() <= FEW * len(light):
             break
-    fit = refine(of_points, pixels, position, light, prior, effort.last_steps, lights, STILL)
-    return _judged(fit, pixels, prior, origin, effort.neighbours)
+    fit = refine(of_points, pixels, position, light, prior, LAST_STEPS, lights, STILL)
+    return judged(fit, pixels, prior)[0]
 
 
-def _with_noise(pixels: Pixels, fit: Fit) -> Pixels:
+def with_noise(pixels: Pixels, lights: Lights, light: Array) -> Pixels:
+    """The pixels with noise as particles of ``light`` (n,) leave it."""
     unlit = np.ones(len(pixels.counts), bool)
-    unlit[fit.lights.pixel] = False
-    return pixels.with_measured_noise(unlit, fit.lights.image(fit.light, len(pixels.counts)))
+    unlit[lights.pixel] = False
+    return pixels.with_measured_noise(unlit, lights.image(light, len(pixels.counts)))
 
 
-def _judged(
-    fit: Fit, pixels: Pixels, prior: Prior, origin: NDArray[np.int64], neighbours: int
-) -> tuple[FrameParticles, NDArray[np.int64]]:
-    """What the last fit found, without particles that the pixels do not speak for, and the ``origin`` of each."""
+def judged(
+    fit: Fit, pixels: Pixels, prior: Prior, neighbours: int = MOST_NEIGHBOURS
+) -> tuple[FrameParticles, NDArray[np.bool_]]:
+    """What the last fit found, without particles that the pixels do not speak for, and which (n,) are left.
+    ``neighbours``: whose parameters are free in the error bars."""
     covariance, off = covariance_of(fit.normal, neighbours), misfit(fit, pixels.usable)
     kept = ~without_evidence(fit, covariance, off)
     scale = np.maximum(off[kept], 1.0)
@@ -189,7 +132,7 @@ def _judged(
         information / scale[:, None, None],
         pull / scale[:, None],
     )
-    return found, origin[kept]
+    return found, kept
 
 
 def _of_pixels_alone(position_mm: Array, covariance: Array, prior: Prior) -> tuple[Array, Array]:

@@ -64,6 +64,12 @@ class Lights:
         source[which] = len(source) + np.arange(len(which))
         return _taken(self, by, source)
 
+    def shifted(self, which: NDArray[np.int64], by_mm: Array) -> Lights:
+        """The same with the points ``which`` (k,) moved by small steps (k, 3) in mm, to first order."""
+        share = self.share.copy()
+        entry_kernels.shift_shares(self.start, self.gradient, which, np.asarray(by_mm, np.float64), share)
+        return Lights(self.start, self.pixel, share, self.gradient)
+
     def joined(self, others: Lights) -> Lights:
         """The light of these points and then of others."""
         return _taken(self, others, np.arange(len(self.start) + len(others.start) - 2))

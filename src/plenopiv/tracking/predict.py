@@ -32,12 +32,13 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Predicted:
     """Particles of tracks (n,) as they will be: ``position_mm`` (n, 3), its ``covariance`` (n, 3, 3) mm^2 and ``light``
-    (n,) counts. ``motion``: what was learnt of all."""
+    (n,) counts; ``active`` (n,): not lost in the last frame. ``motion``: what was learnt of all."""
 
     track: NDArray[np.int64]
     position_mm: Array
     covariance: Array
     light: Array
+    active: NDArray[np.bool_]
     motion: Motion
 
 
@@ -46,7 +47,9 @@ def predicted(frames: Sequence[SeenFrame], number: int, limits_mm: Limits) -> Pr
     them: those that were seen in the last one or lost for at most ``LOST`` frames. There are none where there are no
     tracks."""
     recent = [one for one in frames if number - FRAMES <= one.number < number and len(one.track)]
-    nothing = Predicted(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0), _unknown())
+    nothing = Predicted(
+        np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0), np.empty(0, bool), _unknown()
+    )
     if not recent:
         return nothing
     every = together(recent)
@@ -57,8 +60,10 @@ def predicted(frames: Sequence[SeenFrame], number: int, limits_mm: Limits) -> Pr
     states = _states(alive, number, motion)
     mean, covariance = states.mean[:, :3], states.covariance[:, :3, :3]
     low, high = np.transpose(limits_mm)
+    active = alive.last == recent[-1].number
     kept = ((mean >= low) & (mean <= high)).all(1)
-    return Predicted(alive.track[alive.start[:-1]][kept], mean[kept], covariance[kept], _light(alive)[kept], motion)
+    track = alive.track[alive.start[:-1]][kept]
+    return Predicted(track, mean[kept], covariance[kept], _light(alive)[kept], active[kept], motion)
 
 
 def _states(alive: Together, number: int, motion: Motion) -> States:

@@ -97,13 +97,39 @@ def refine(
     iterations: int,
     lights: Lights | None = None,
     still: float = 0.0,
+    near: float = 0.0,
 ) -> Fit:
     """Fit particles by ``iterations`` of Gauss-Newton, at most, from positions (n, 3) mm and light (n,) counts.
-    ``lights``: of the positions, where it is known; ``still``: the root of chi^2 that a particle must gain to move."""
+    ``lights``: of the positions, where it is known; ``still``: the root of chi^2 that a particle must gain to move;
+    ``near``: units of UNIT_MM within which light follows its derivatives, without being computed anew."""
+    lights = of_points(position_mm) if lights is None else lights
+    position, light, lights = stepped(
+        of_points, pixels, position_mm, light, prior, iterations, lights, still=still, near=near
+    )
+    residual, variance = residual_of(lights, pixels, light)
+    weight, _ = pixel_weights(pixels.usable, residual, variance)
+    normal = normal_equations(lights, light, weight)
+    with_prior(normal, prior)
+    return Fit(position, light, normal, lights, residual, variance)
+
+
+def stepped(
+    of_points: PointLights,
+    pixels: Pixels,
+    position_mm: Array,
+    light: Array,
+    prior: Prior,
+    iterations: int,
+    lights: Lights,
+    *,
+    still: float,
+    near: float,
+) -> tuple[Array, Array, Lights]:
+    """Positions, light and where it goes after ``iterations``, as ``refine``."""
     position, light = position_mm.copy(), light.copy()
-    lights = of_points(position) if lights is None else lights
+    since = np.zeros_like(position)  # steps, in units, since a particle's light was computed
     for _ in range(iterations):
-        residual, variance = _residual(lights, pixels, light)
+        residual, variance = residual_of(lights, pixels, light)
         weight, pull = pixel_weights(pixels.usable, residual, variance)
         own, slope = own_equations(lights, light, weight, pull)
         slope[:, :3] += prior.information * (prior.position_mm - position) / UNIT_MM
@@ -117,21 +143,24 @@ def refine(
         some = lights if len(which) == len(light) else lights.of(which)
         normal = normal_equations(some, light[which], weight)
         step = _solved(normal, with_prior(normal, prior.of(which)), slope[which])
-        position[which] += UNIT_MM * np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
+        moved = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
+        position[which] += UNIT_MM * moved
         least = LEAST_LIGHT * float(np.median(light))
         light[which] = np.maximum(light[which] * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
-        lights = lights.replaced(which, of_points(position[which]))
-    residual, variance = _residual(lights, pixels, light)
-    weight, pull = pixel_weights(pixels.usable, residual, variance)
-    normal = normal_equations(lights, light, weight)
-    with_prior(normal, prior)
-    return Fit(position, light, normal, lights, residual, variance)
+        since[which] += moved
+        far = np.abs(since[which]).max(1) > near
+        if not far.all():
+            lights = lights.shifted(which[~far], UNIT_MM * moved[~far])
+        if far.any():
+            since[which[far]] = 0.0
+            lights = lights.replaced(which[far], of_points(position[which[far]]))
+    return position, light, lights
 
 
 def fit_light(lights: Lights, pixels: Pixels, light: Array, iterations: int = 3) -> Array:
     """The light (n,) in counts that fits best where ``lights`` are; positive."""
     for _ in range(iterations):
-        residual, variance = _residual(lights, pixels, light)
+        residual, variance = residual_of(lights, pixels, light)
         weight = np.where(pixels.usable, 1.0 / variance, 0.0)[lights.pixel]
         share = bsr_array(
             ((lights.share * np.sqrt(weight)).astype(np.float32)[:, None, None], lights.pixel, lights.start),
@@ -147,7 +176,7 @@ def fit_light(lights: Lights, pixels: Pixels, light: Array, iterations: int = 3)
     return light
 
 
-def _residual(lights: Lights, pixels: Pixels, light: Array) -> tuple[Array, Array]:
+def residual_of(lights: Lights, pixels: Pixels, light: Array) -> tuple[Array, Array]:
     """Counts that particles do not explain, and the variance, of each pixel."""
     expected = lights.image(light, len(pixels.counts))
     return np.where(pixels.usable, pixels.counts - pixels.background - expected, 0.0), pixels.variance(expected)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 ORDERS = 4  # position, velocity, acceleration, jerk
 SIZE = 3 * ORDERS
 SOMEWHERE_MM = 1.0  # standard deviation of a position before it is seen
-NODES = 8  # of a quadrature over a frame
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # of a quadrature over a frame
 WIDE = 3.0  # times the spread of all particles' velocities and accelerations is that of one before it is seen
 OUTLYING = 4.0  # standard deviations from its track from which on a frame's position counts less (Huber 1981)
 
@@ -61,10 +61,8 @@ class Motion:
 def step_of(memory: float) -> tuple[Array, Array]:
     """What position, velocity, acceleration and jerk along an axis are multiplied by in a frame (4, 4), and what is
     added to their covariance where the jerk's spread is 1 (4, 4)."""
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
-    later, weights = 0.5 * (nodes + 1.0), 0.5 * weights
-    of_jerk = np.stack(_after_jerk(later, memory))
-    growth = (2.0 / memory) * (of_jerk * weights) @ of_jerk.T
+    of_jerk = np.stack(_after_jerk(0.5 * (NODES + 1.0), memory))
+    growth = (1.0 / memory) * (of_jerk * WEIGHTS) @ of_jerk.T
     step = np.array([[1.0, 1.0, 0.5, 0.0], [0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
     step[:, 3] = [float(each) for each in _after_jerk(np.float64(1.0), memory)]
     return step, growth
