@@ -13,7 +13,7 @@ from plenopiv.tracking.covariance import NEIGHBOURS as MOST_NEIGHBOURS
 from plenopiv.tracking.covariance import covariance_of
 from plenopiv.tracking.evidence import misfit, without_evidence
 from plenopiv.tracking.light import Lights, PointLights
-from plenopiv.tracking.pixels import Pixels
+from plenopiv.tracking.pixels import SAMPLE, Pixels
 from plenopiv.tracking.refine import UNIT_MM, Fit, Prior, fit_light, prior_std_mm, refine
 from plenopiv.tracking.search import places_of_light
 from plenopiv.volume import Limits
@@ -103,11 +103,11 @@ def particles_of_frame(
     return judged(fit, pixels, prior)[0]
 
 
-def with_noise(pixels: Pixels, lights: Lights, light: Array) -> Pixels:
-    """The pixels with noise as particles of ``light`` (n,) leave it."""
+def with_noise(pixels: Pixels, lights: Lights, light: Array, sample: int = SAMPLE) -> Pixels:
+    """The pixels with noise as particles of ``light`` (n,) leave it, measured on a ``sample`` of them."""
     unlit = np.ones(len(pixels.counts), bool)
     unlit[lights.pixel] = False
-    return pixels.with_measured_noise(unlit, lights.image(light, len(pixels.counts)))
+    return pixels.with_measured_noise(unlit, lights.image(light, len(pixels.counts)), sample)
 
 
 def judged(

@@ -22,9 +22,10 @@ from plenopiv.volume import Limits
 PRESENT = 0.4  # of its predicted light that a particle's pixels must hold
 ROUNDS = 3  # of steps and searches, at most
 MANY = 0.2  # share of particles found in a round from which on another follows
-STEPS = 3  # Gauss-Newton iterations of the last fit
+STEPS = 2  # Gauss-Newton iterations of the last fit
 NEAR = 0.12  # units of UNIT_MM, 0.07 voxel of a usual camera, within which light follows its derivatives
-NEIGHBOURS = 16  # whose parameters are free in the error bars
+NOISE_OF = 40_000  # pixels that noise is measured on
+NEIGHBOURS = 12  # whose parameters are free in the error bars
 
 Array = NDArray[np.float64]
 
@@ -59,7 +60,7 @@ def particles_of_prediction(
         position, light, lights = stepped(
             of_points, pixels, position, light, prior, 1, lights, still=ROUGHLY, near=NEAR
         )
-        pixels = with_noise(pixels, lights, light)
+        pixels = with_noise(pixels, lights, light, NOISE_OF)
         residual, variance = residual_of(lights, pixels, light)
         new, _ = places_of_light(of_points, np.where(pixels.usable, residual / np.sqrt(variance), np.nan), limits_mm)
         if progress is not None:
@@ -83,7 +84,7 @@ def _present(lights: Lights, pixels: Pixels, light: Array) -> tuple[Pixels, Arra
     ratio = np.ones(len(light))
     for turn in range(2):
         if turn == 0:
-            pixels = with_noise(pixels, lights, light)
+            pixels = with_noise(pixels, lights, light, NOISE_OF)
         else:
             light = light * max(float(np.median(ratio)), 0.1)
         weight, pull = pixel_weights(pixels.usable, *residual_of(lights, pixels, light))
