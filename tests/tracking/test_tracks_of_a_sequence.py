@@ -23,7 +23,7 @@ from plenopiv.simulation.simulated_recording import Seeding
 
 pytestmark = pytest.mark.full  # a sequence is simulated, its first frames reconstructed, and tracked
 DT_S, FRAMES = 5e-4, 9
-FLOW = flow("abc", wavelength_mm=4.0, amplitudes_m_s=(0.09, 0.06, 0.12), drift_m_s=(0.02, -0.03, 0.0))
+FLOW = flow("abc", wavelength_mm=4.0, amplitudes_m_s=(0.06, 0.04, 0.08), drift_m_s=(0.02, -0.03, 0.0))
 CAMERA = PlenopticCamera(
     MainLens(50.0, 25.0, -1.0),
     Lattice("hexagonal", 0.077, 0.004, (0.011, -0.023)),
@@ -61,6 +61,7 @@ def sequence(tmp_path_factory):
         volume_mm=((-0.6, 0.6), (-0.6, 0.6), (-1.6, 1.6)),
         windows=((48, 48, 20), (32, 32, 16)),
         seeding=Seeding(0.4, margin_mm=(0.25, 0.2, 0.2)),
+        lit_mm=((-0.6, 0.6), (-0.6, 0.6), (-1.6, 1.6)),
         rays=8000,
         seed=3,
     )
