@@ -23,7 +23,7 @@ PRESENT = 0.4  # of its predicted light that a particle's pixels must hold
 ROUNDS = 3  # of steps and searches, at most
 MANY = 0.2  # share of particles found in a round from which on another follows
 STEPS = 2  # Gauss-Newton iterations of the last fit
-NEAR = 0.12  # units of UNIT_MM, 0.07 voxel of a usual camera, within which light follows its derivatives
+NEAR = 0.04  # units of UNIT_MM, a few hundredths of a voxel, within which light follows its derivatives
 NOISE_OF = 40_000  # pixels that noise is measured on
 NEIGHBOURS = 12  # whose parameters are free in the error bars
 
