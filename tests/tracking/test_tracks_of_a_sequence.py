@@ -153,8 +153,8 @@ def test_later_frames_are_not_reconstructed(sequence, tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         track(Experiment.load(path), killed)
-    kept = sorted(each.name for each in (tmp_path / "out" / "tracking" / ".plenopiv" / "pairs").glob("*.nc"))
-    assert kept == [f"particles-{k:04d}.nc" for k in range(5)]
+    kept = sorted(each.name for each in (tmp_path / "out" / "tracking" / ".plenopiv" / "pairs").glob("*.npz"))
+    assert kept == [f"particles-{k:04d}.npz" for k in range(5)]
     track(Experiment.load(path), lambda stage, done, total: stages.append(stage))
     made = {stage for stage in stages if stage.startswith("reconstruction")}
     assert made == {f"reconstruction of frame-{k:03d}.tif" for k in range(BEGUN)}

@@ -8,8 +8,9 @@ a frame needs of earlier ones, positions, tracks and noise, is in their files.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment.tracking_table import TrackingTable
-from plenopiv.io.particles_file import DIMENSIONS, read_particles, write_particles
+from plenopiv.io.particles_file import read_particles, write_particles
 from plenopiv.io.series_folder import SeriesFolder
 from plenopiv.recording import Recording
 from plenopiv.run.frame import LostFrame, Progress, taken_or_lost
@@ -194,28 +195,26 @@ class SequenceJob:
 
 def frame_file(number: int) -> str:
     """Name of the file of a frame's particles, from 0, in the folder of the tracking."""
-    return f"pairs/particles-{number:04d}.nc"
+    return f"pairs/particles-{number:04d}.npz"
 
 
-def write_frame(path: Any, frame: KeptFrame) -> None:
+def write_frame(path: Path, frame: KeptFrame) -> None:
     """Write a frame's particles and tracks.
 
     Raises:
         PlenoPIVError: as ``write_particles``.
     """
-    particles = frame.seen.particles
-    values = {name: getattr(particles, name) for name in DIMENSIONS if name != "track"}
-    facts = {"chi2": particles.chi2, "dark": frame.dark, "unused": frame.unused}
-    write_particles(path, values | {"track": frame.seen.track}, facts)
+    particles = {one.name: getattr(frame.seen.particles, one.name) for one in fields(FrameParticles)}
+    write_particles(path, particles | {"track": frame.seen.track, "dark": frame.dark, "unused": frame.unused})
 
 
-def read_frame(path: Any, number: int) -> KeptFrame:
+def read_frame(path: Path, number: int) -> KeptFrame:
     """What ``write_frame`` wrote of frame ``number``.
 
     Raises:
         PlenoPIVError: the file is damaged.
     """
-    values, facts = read_particles(path)
-    track = values.pop("track").astype(np.int64)
-    particles = FrameParticles(chi2=float(facts["chi2"]), **values)
-    return KeptFrame(SeenFrame(number, particles, track), float(facts["dark"]), int(facts["unused"]))
+    values: dict[str, Any] = read_particles(path)
+    track, dark, unused, chi2 = (values.pop(name) for name in ("track", "dark", "unused", "chi2"))
+    particles = FrameParticles(chi2=float(chi2), **values)
+    return KeptFrame(SeenFrame(number, particles, track), float(dark), int(unused))
