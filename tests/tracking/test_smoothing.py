@@ -114,6 +114,24 @@ def test_spread_memory_and_errors_of_random_paths_are_found():
     assert (off < 2).mean(0) == pytest.approx(np.full(9, 0.954), abs=0.02)
 
 
+def test_wrong_positions_change_the_motion_found_by_little():
+    """Three of a hundred positions are 30 standard deviations off: density within a factor of 3, factor of errors below
+    1.4, and nine of ten velocities are nearly what they were."""
+    rng = np.random.default_rng(5)
+    x, *_ = random_paths(400, 20, rng)
+    frames = seen_frames(lambda t: x[int(t)].copy(), 20, 400, rng)
+    clean = trajectories(frames)
+    for one in frames:
+        wrong = rng.random(400) < 0.03
+        one.particles.position_mm[wrong] += 30 * STD_MM * rng.normal(size=(wrong.sum(), 3))
+    found = trajectories(frames)
+    density = found.motion.jerk**2 * found.motion.memory / (clean.motion.jerk**2 * clean.motion.memory)
+    assert (np.abs(np.log(density)) < np.log(3)).all()
+    assert (found.motion.noise < 1.4).all()
+    std = np.sqrt(np.einsum("nii->ni", clean.covariance)[:, 3:6])
+    assert np.quantile(np.abs(found.mean - clean.mean)[:, 3:6] / std, 0.9) < 1.0
+
+
 def test_parabolas_are_kept_on_every_axis():
     """Velocity and acceleration of a parabola, which has no jerk, to a small part of what noise leaves."""
     _, velocity, bend, path = parabolas(50)

@@ -1,14 +1,16 @@
 """How far smoothing goes: spread and memory of the jerk, and the size of position errors, from the tracks themselves.
 
 Each frame's position differs from what the frames before it predict by an innovation e of variance F, both from a
-Kalman filter along one axis (``smoothing``). Spread and memory are those of greatest likelihood,
+Kalman filter along one axis (``smoothing``). Spread and memory are those of greatest likelihood over all tracks
+(Schweppe 1965, IEEE Trans. Inf. Theory 11, 61). Errors have long tails, as of two particles that are seen as one, so
+that it is not the normal distribution's but that of Student's t with nu degrees of freedom (Lange, Little & Taylor
+1989, J. Am. Stat. Assoc. 84, 881),
 
-    -2 ln L = sum (ln F + e^2 / F) ,
+    -2 ln L = sum (ln F + (nu + 1) ln(1 + e^2 / (nu kappa F))) ,
 
-over all tracks (Schweppe 1965, IEEE Trans. Inf. Theory 11, 61). The factor by which positions scatter more than their
-standard deviations say is that of 68 % of the innovations, as errors have long tails. The first three frames of a track
-tell neither: they tell where it begins. Innovations beyond four standard deviations count by their size and not its
-square (Huber 1981).
+kappa being such that normal errors of variance F make F the likeliest. The factor by which positions scatter more than
+their standard deviations say is that of 68 % of the innovations. The first three frames of a track tell neither: they
+tell where it begins. The filter follows innovations beyond four standard deviations less (Huber 1981).
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ TELLING = 3  # frames of a track before those whose innovations count
 LEAST_INNOVATIONS = 30  # for a likelihood
 MOST_TRACKS = 3000  # that are looked at, evenly spaced among all
 DECADES = (-9, 4)  # of q, over the variance of a position, that are tried first
+FREEDOM, OF_NORMAL = 4.0, 0.6906  # nu, kappa
 MEMORY = 3.0  # frames, that the search begins with
 MEMORIES = (0.25, 64.0)  # frames, between which it looks
 FINEST = 0.1  # step, of decades of q and of octaves of the memory, at which it ends
@@ -87,10 +90,12 @@ def _innovations(
                         p[i, j] = moved
                         p[j, i] = moved
             e, f = value[m] - x[0], p[0, 0] + variance[m]
+            off = abs(e) / f**0.5
             if m - a >= TELLING:
-                log_f[m], z[m] = np.log(f), abs(e) / f**0.5
+                log_f[m], z[m] = np.log(f), off
+            believed = min(OUTLYING / off, 1.0) if off > 0.0 else 1.0
             for i in range(4):
-                gain[i] = p[0, i] / f
+                gain[i] = believed * p[0, i] / f
                 y[i] = p[0, i]
             for i in range(4):
                 x[i] += gain[i] * e
@@ -158,8 +163,8 @@ class _Search:
         return float((self.typical * 10.0**decade / (2.0 * 2.0**octave)) ** 0.5)
 
     def at(self, decade: float, octave: float) -> tuple[float, float]:
-        """-2 ln L at a decade of q and an octave of the memory, with the factor of errors that 68 % of the innovations
-        have, at least 1, and that factor."""
+        """-2 ln L, but for a constant, at a decade of q and an octave of the memory, with the factor of errors that
+        68 % of the innovations have, at least 1, and that factor."""
         if (decade, octave) not in self.known:
             step, growth = step_of(2.0**octave)
             square = self._jerk(decade, octave) ** 2
@@ -170,8 +175,8 @@ class _Search:
             if self.with_noise:
                 scale = max(float(np.quantile(z, ONE_STD)), 1.0)
             z = z / scale
-            squares = np.where(z < OUTLYING, z * z, OUTLYING * (2.0 * z - OUTLYING))
-            unlikely = float(self.log_f.sum() + 2.0 * len(z) * log(scale) + squares.sum())
+            tails = (FREEDOM + 1.0) * np.log1p(z * z / (FREEDOM * OF_NORMAL))
+            unlikely = float(self.log_f.sum() + 2.0 * len(z) * log(scale) + tails.sum())
             self.known[decade, octave] = unlikely, scale
         return self.known[decade, octave]
 

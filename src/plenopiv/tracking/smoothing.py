@@ -29,7 +29,7 @@ SIZE = 3 * ORDERS
 SOMEWHERE_MM = 1.0  # standard deviation of a position before it is seen
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # of a quadrature over a frame
 WIDE = 3.0  # times the spread of all particles' velocities and accelerations is that of one before it is seen
-OUTLYING = 4.0  # standard deviations from its track from which on a frame's position counts less (Huber 1981)
+OUTLYING = 4.0  # standard deviations from its track from which on a frame's position counts less
 
 Array = NDArray[np.float64]
 
@@ -155,7 +155,7 @@ def filtered(seen: Sightings, first: NDArray[np.int64], start: States, motion: M
     return _stacked(before), _stacked(after)
 
 
-def smoothed(seen: Sightings, motion: Motion, passes: int = 2) -> States:
+def smoothed(seen: Sightings, motion: Motion, passes: int = 3) -> States:
     """Estimates (n, T, ...) at each frame from all frames; all particles are seen in the first one. Positions far from
     where the other frames have them count less in each further one of ``passes``."""
     seen = seen.scaled(motion.noise)
@@ -167,7 +167,7 @@ def smoothed(seen: Sightings, motion: Motion, passes: int = 2) -> States:
         if turn + 1 < passes:
             off = seen.position_mm - found.mean[:, :, :3]
             chi2 = np.einsum("nti,ntij,ntj->nt", off, seen.information, off)
-            weight = np.minimum(OUTLYING / np.sqrt(np.maximum(chi2, 1e-30)), 1.0)
+            weight = np.minimum(OUTLYING**2 / np.maximum(chi2, 1e-30), 1.0)
     return found
 
 
