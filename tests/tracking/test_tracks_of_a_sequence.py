@@ -59,8 +59,8 @@ def sequence(tmp_path_factory):
         FRAMES,
         dt_s=DT_S,
         volume_mm=((-0.6, 0.6), (-0.6, 0.6), (-1.6, 1.6)),
-        windows=((48, 48, 20), (32, 32, 16)),
-        seeding=Seeding(0.4, margin_mm=(0.25, 0.2, 0.2)),
+        windows=((64, 64, 24), (48, 48, 16)),
+        seeding=Seeding(0.8, margin_mm=(0.25, 0.2, 0.2)),
         lit_mm=((-0.6, 0.6), (-0.6, 0.6), (-1.6, 1.6)),
         rays=8000,
         seed=3,
@@ -89,7 +89,7 @@ def partners(sequence):
 def test_particles_stay_on_one_track(sequence, partners):
     _, truth, tracks = sequence
     inside = (np.abs(truth) < (0.6, 0.6, 1.6)).all((0, 2)) & (np.abs(truth[:, :, 2]) > 0.5).all(0)
-    assert inside.sum() > 20
+    assert inside.sum() > 50
     ids = tracks.track_id.values
     longest = [
         np.unique(ids[(partners == p) & (ids >= 0)], return_counts=True)[1].max(initial=0)
@@ -97,7 +97,7 @@ def test_particles_stay_on_one_track(sequence, partners):
     ]
     assert np.mean(np.array(longest) == FRAMES) > 0.9
     mixed = [len(set(partners[(ids == one) & (partners >= 0)])) for one in np.unique(ids[ids >= 0])]
-    assert np.mean(np.array(mixed) > 1) < 0.02
+    assert np.mean(np.array(mixed) > 1) < 0.06  # two within a voxel, seen as one
 
 
 def test_velocities_and_accelerations_are_true(sequence, partners):
@@ -114,7 +114,7 @@ def test_velocities_and_accelerations_are_true(sequence, partners):
             assert (off < 2 * std[some]).mean() > 0.85, name
             weight = 1 / std[some] ** 2
             slope = (weight * value[name][some] * true[some, axis]).sum() / (weight * true[some, axis] ** 2).sum()
-            assert slope == pytest.approx(1, abs=0.1), name
+            assert slope == pytest.approx(1, abs=0.15), name
     depth = (tracks.z.values - at[:, 2])[some] / VOXEL_MM[2]
     assert np.sqrt((depth**2).mean()) < 0.08
 
