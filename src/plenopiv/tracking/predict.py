@@ -23,7 +23,7 @@ from plenopiv.volume import Limits
 FRAMES = 8  # the last ones, that a prediction rests on
 LOST = 2  # frames in which a track may not be seen before it ends
 SHORT = 4  # frames below which neighbours tell a track's velocity
-TOLD_BY = 300  # tracks tell how particles move
+TOLD_BY = 150  # tracks tell how particles move
 LIGHT_FRAMES = 4  # the last ones, whose mean is the light predicted
 
 Array = NDArray[np.float64]

@@ -124,8 +124,9 @@ def stepped(
     *,
     still: float,
     near: float,
+    tolerance: float = TOLERANCE,
 ) -> tuple[Array, Array, Lights]:
-    """Positions, light and where it goes after ``iterations``, as ``refine``."""
+    """Positions, light and where it goes after ``iterations``, as ``refine``; ``tolerance``: of conjugate gradients."""
     position, light = position_mm.copy(), light.copy()
     since = np.zeros_like(position)  # steps, in units, since a particle's light was computed
     for _ in range(iterations):
@@ -142,7 +143,7 @@ def stepped(
             break
         some = lights if len(which) == len(light) else lights.of(which)
         normal = normal_equations(some, light[which], weight)
-        step = _solved(normal, with_prior(normal, prior.of(which)), slope[which])
+        step = _solved(normal, with_prior(normal, prior.of(which)), slope[which], tolerance)
         moved = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
         position[which] += UNIT_MM * moved
         least = LEAST_LIGHT * float(np.median(light))
@@ -233,7 +234,7 @@ def with_prior(normal: bsr_array, prior: Prior) -> Array:
     return np.asarray(normal.data[own], np.float64)
 
 
-def _solved(normal: bsr_array, own: Array, slope: Array) -> Array:
+def _solved(normal: bsr_array, own: Array, slope: Array, tolerance: float) -> Array:
     """The step (n, 4), in units, that solves the damped equations."""
     diagonal = np.einsum("nii->ni", own)
     damping = DAMPING * diagonal + LEAST_KNOWN
@@ -250,7 +251,7 @@ def _solved(normal: bsr_array, own: Array, slope: Array) -> Array:
     step, _ = cg(
         LinearOperator(shape, times),
         slope.ravel(),
-        rtol=TOLERANCE,
+        rtol=tolerance,
         maxiter=PRODUCTS,
         M=LinearOperator(shape, precondition),
     )

@@ -24,6 +24,8 @@ ROUNDS = 3  # of steps and searches, at most
 MANY = 0.2  # share of particles found in a round from which on another follows
 STEPS = 2  # Gauss-Newton iterations of the last fit
 NEAR = 0.04  # units of UNIT_MM, a few hundredths of a voxel, within which light follows its derivatives
+TOLERANCE = 1e-2  # of conjugate gradients in the first step
+POOR = 0.45  # share of the mean needed that the first rays of a place must show: new particles are not faint
 NOISE_OF = 40_000  # pixels that noise is measured on
 NEIGHBOURS = 12  # whose parameters are free in the error bars
 
@@ -58,11 +60,12 @@ def particles_of_prediction(
     position, light, lights = position_mm[origin], light[origin], lights.of(origin)
     for done in range(ROUNDS):
         position, light, lights = stepped(
-            of_points, pixels, position, light, prior, 1, lights, still=ROUGHLY, near=NEAR
+            of_points, pixels, position, light, prior, 1, lights, still=ROUGHLY, near=NEAR, tolerance=TOLERANCE
         )
         pixels = with_noise(pixels, lights, light, NOISE_OF)
         residual, variance = residual_of(lights, pixels, light)
-        new, _ = places_of_light(of_points, np.where(pixels.usable, residual / np.sqrt(variance), np.nan), limits_mm)
+        excess = np.where(pixels.usable, residual / np.sqrt(variance), np.nan)
+        new, _ = places_of_light(of_points, excess, limits_mm, POOR)
         if progress is not None:
             progress(done + 1, ROUNDS + 1)
         lights, position, prior = (
