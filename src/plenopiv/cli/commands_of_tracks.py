@@ -16,6 +16,10 @@ def track(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
     standard deviations, covariance, light, frame and track_id of each particle (obs); and tracking/velocity.nc, splines
     through the links, free of divergence.
 
+    With tracking.method = "multi-frame" the particles of a sequence's later frames begin where their tracks predict
+    them, without a reconstruction; positions, velocities and accelerations (ax, ay, az in m/s^2) are those of smooth
+    tracks.
+
     Finished pairs are kept, whatever ends it: the same command goes on from there. A pair that cannot be tracked is set
     aside, and the exit code is 3.
 

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -42,8 +42,13 @@ from plenopiv.run.stored import times_of
 from plenopiv.run.target import target_calibration
 from plenopiv.run.track_frame import FrameTracker, TrackedFrame
 from plenopiv.run.track_pair import TrackJob, tracks_file
+from plenopiv.run.track_sequence import METHOD, SequenceJob, check_sequence
+from plenopiv.run.track_smooth import fields_of_tracks, smooth_tracks, source
 from plenopiv.run.versions import versions
 from plenopiv.tracking.tracks import joined
+
+if TYPE_CHECKING:
+    import xarray
 
 FILE, FOLDER = "tracks.nc", "tracking"
 OF_A_PAIR = ("links", "nodes_mm", "smoothing", "error_scale", "links_left_out")  # attributes of its field
@@ -79,6 +84,8 @@ def track(experiment: Experiment, progress: Progress | None = None, overwrite: b
         for line in experiment.warnings():
             warnings.warn(line, PlenoPIVWarning, stacklevel=2)
         recording = experiment.recording()
+        if table.method == METHOD:
+            check_sequence(recording)
         inputs = stated_inputs(experiment, recording, False) | {"tracking": table.model_dump(exclude_none=True)}
         folder.begin(inputs)
         with clock("calibration"):
@@ -103,14 +110,19 @@ def track(experiment: Experiment, progress: Progress | None = None, overwrite: b
             folder.discard()
             summary = json.loads((folder.directory / "summary.json").read_text(encoding="utf-8"))
             if not is_whole(path, summary["tracks_sha256"]):
-                _write_tracks(folder, recording, path)
+                write_tracks(path, _tracks(folder, recording, table))
             return TrackResult(path, folder.directory / "velocity.nc", summary)
         tracker = FrameTracker(chain, recording, table.wavelength_nm)
         _tell_memory(tracker)
-        job = TrackJob(tracker, table, folder.work, f"plenopiv {versions()['plenopiv']}")
-        left = [number for number in range(count) if number not in folder.finished]
+        if table.method == METHOD:
+            job = SequenceJob(tracker, table, folder, clock, report)
+            left, records = job.left, job.records(job.left)
+        else:
+            pairs = TrackJob(tracker, table, folder.work, source())
+            left = [number for number in range(count) if number not in folder.finished]
+            records = _in_turn(pairs, left, clock, report)
         try:
-            for done, record in enumerate(_in_turn(job, left, clock, report), 1):
+            for done, record in enumerate(records, 1):
                 kept = folder.store(record.content(), record.files)
                 for line in dict.fromkeys(warnings_of(kept)):
                     warnings.warn(line, PlenoPIVWarning, stacklevel=2)
@@ -122,7 +134,7 @@ def track(experiment: Experiment, progress: Progress | None = None, overwrite: b
                 log.info("%d of %d pairs are finished and kept; the same command goes on from there", done, count)
             raise
         said = [str(one.message) for one in caught]
-        summary = _put_together(folder, recording, chain, path, said, clock, inputs)
+        summary = _put_together(folder, recording, chain, table, path, said, clock, inputs, report)
     return TrackResult(path, path.parent / FOLDER / "velocity.nc", summary)
 
 
@@ -143,10 +155,12 @@ def _put_together(
     folder: SeriesFolder,
     recording: Recording,
     chain: Chain,
+    table: TrackingTable,
     path: Path,
     said: Sequence[str],
     clock: Clock,
     inputs: dict[str, Any],
+    report: Progress,
 ) -> dict[str, Any]:
     """Make tracks.nc, velocity.nc and the summary of all pairs' files, and move them into place.
 
@@ -158,14 +172,19 @@ def _put_together(
     if not tracked:
         folder.discard()
         raise PlenoPIVError(f"no pair can be tracked: {records[0]['set_aside']}")
-    files = ["summary.json"]
-    if len(records) > 1:
+    files, fields = ["summary.json"], {}
+    if table.method == METHOD:
+        with clock("links and field"):
+            fields = fields_of_tracks(folder, recording, chain, table, [record["pair"] for record in tracked], report)
+            files += [pair_file(number) for number in fields]
+    elif len(records) > 1:
         fields = {record["pair"]: folder.there(pair_file(record["pair"])) for record in tracked}
+    if len(records) > 1:
         like = read_velocity(next(iter(fields.values())))
         like.attrs = {key: value for key, value in like.attrs.items() if key not in OF_A_PAIR}
         write_series(folder.path("velocity.nc"), like, times_of(recording), fields, {})
         files.append("velocity.nc")
-    _write_tracks(folder, recording, path)
+    write_tracks(path, _tracks(folder, recording, table))
     particles = {
         entry["name"]: n for r in tracked for entry, n in zip(r["frames"], r["numbers"]["particles"], strict=True)
     }
@@ -192,17 +211,20 @@ def _put_together(
     return summary
 
 
-def _write_tracks(folder: SeriesFolder, recording: Recording, path: Path) -> None:
-    """Write tracks.nc from the pairs' files."""
-    tracked = [number for number, record in sorted(folder.finished.items()) if record["set_aside"] is None]
-    tracks = joined([read_tracks(folder.there(tracks_file(number))) for number in tracked])
+def _tracks(folder: SeriesFolder, recording: Recording, table: TrackingTable) -> xarray.Dataset:
+    """The tracks of all pairs' files."""
+    if table.method == METHOD:
+        tracks = smooth_tracks(folder, recording)
+    else:
+        tracked = [number for number, record in sorted(folder.finished.items()) if record["set_aside"] is None]
+        tracks = joined([read_tracks(folder.there(tracks_file(number))) for number in tracked])
     numbers = np.unique(tracks["frame"].values).tolist()
     tracks.attrs |= {
         "Conventions": "CF-1.11",
         "title": "Particles and their tracks",
         "frames": [f"{k}: {recording.frames[k].name}" for k in numbers],
     }
-    write_tracks(path, tracks)
+    return tracks
 
 
 def _tell_memory(tracker: FrameTracker) -> None:

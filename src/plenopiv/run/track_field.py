@@ -25,35 +25,39 @@ STD = "scatter of fits to tracks with errors of their size; flow that the tracks
 Array = NDArray[np.float64]
 
 
+def of_links(first: FrameParticles, second: FrameParticles, links: Links) -> tuple[Array, Array, Array]:
+    """Positions (n, 3) mm and velocities (n, 3) mm per frame, with standard deviations (n, 3), in the middle of each
+    linked particle's way between two frames."""
+    a, b = first.position_mm[links.a], second.position_mm[links.b]
+    both = first.covariance[links.a] + second.covariance[links.b]
+    return 0.5 * (a + b), b - a, np.sqrt(np.einsum("nii->ni", both)[:, :3])
+
+
 def velocity_of_tracks(
-    first: FrameParticles,
-    second: FrameParticles,
-    links: Links,
+    tracks: tuple[Array, Array, Array],
     chain: Chain,
     table: TrackingTable,
     dt_s: float,
     time_s: float,
     progress: Callable[[int, int], None] | None = None,
 ) -> xarray.Dataset:
-    """The field of the ``links`` between the particles of two frames ``dt_s`` apart, as ``velocity_dataset`` makes it,
+    """The field of the ``tracks`` between two frames ``dt_s`` apart (``of_links``), as ``velocity_dataset`` makes it,
     without peak_ratio: splines on ``grid_mm``, through velocities at the middle of each particle's way.
 
     ``valid`` is 0 where no track is nearby; u, v, w are NaN there if the whole part has none.
 
     Raises:
-        PlenoPIVError: too few links for a field.
+        PlenoPIVError: too few tracks for a field.
     """
-    a, b = first.position_mm[links.a], second.position_mm[links.b]
+    position, moving, std = tracks
     rate = 1e-3 / dt_s  # mm per frame -> m/s
-    both = first.covariance[links.a] + second.covariance[links.b]
-    std = np.sqrt(np.einsum("nii->ni", both)[:, :3]) * rate
     limits, voxel = chain.grid.limits_mm(), np.asarray(chain.grid.voxel_mm)
     step = table.grid_mm or 0.5 * float(np.min(np.asarray(chain.correlation.windows[-1]) * voxel))
     x, y, z = (_axis(lo, hi, step) for lo, hi in limits)
     found = field_on_grid(
-        0.5 * (a + b),
-        (b - a) * rate,
-        std,
+        position,
+        moving * rate,
+        std * rate,
         limits,
         (x, y, z),
         divergence_free=table.divergence_free,
@@ -68,7 +72,7 @@ def velocity_of_tracks(
     out.attrs |= {
         "title": "Volumetric velocity from particle tracks of one plenoptic camera",
         "source": "PlenoPIV, particles from raw pixels, B-splines through their links",
-        "links": len(links.a),
+        "links": len(position),
         "nodes_mm": found.step_mm,
         "divergence_free": int(table.divergence_free),
         "smoothing": list(found.smoothing),

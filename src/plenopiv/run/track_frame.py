@@ -18,7 +18,9 @@ from plenopiv.tracking.frame import FrameParticles, particles_of_frame
 from plenopiv.tracking.light import PointLights, diffraction_px
 from plenopiv.tracking.peaks import peaks
 from plenopiv.tracking.pixels import Pixels
+from plenopiv.tracking.predict import Predicted
 from plenopiv.tracking.rim import clipped_by_rim
+from plenopiv.tracking.shaken import particles_of_prediction
 from plenopiv.volume import Limits, SparseVolume, VoxelGrid
 
 AROUND = 4  # voxels beyond the volume in which particles are looked for too: they light the same pixels
@@ -26,12 +28,25 @@ AROUND = 4  # voxels beyond the volume in which particles are looked for too: th
 
 @dataclass(frozen=True)
 class TrackedFrame:
-    """A frame's number from 0, volume, particles in the frame of the chain's grid, entry in the manifest, and what was
-    warned of."""
+    """A frame's number from 0, volume, particles in the frame of the chain's grid, entry in the manifest, standard
+    deviation of a dark pixel in counts, and what was warned of."""
 
     number: int
     volume: SparseVolume
     particles: FrameParticles
+    entry: dict[str, Any]
+    dark: float
+    warned: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class PredictedFrame:
+    """A frame whose particles began where they were predicted: as ``TrackedFrame``, without a volume; ``origin`` (n,):
+    which of the predicted ones each is, -1 for those that were found."""
+
+    number: int
+    particles: FrameParticles
+    origin: NDArray[np.int64]
     entry: dict[str, Any]
     warned: tuple[str, ...] = ()
 
@@ -82,8 +97,50 @@ class FrameTracker:
         guess = peaks(made.volume)
         particles = particles_of_frame(self.of_points, pixels, *guess, around(chain.lens_grid), stage)
         if chain.space is not None:
-            particles = within(in_laboratory(particles, chain.space), around(chain.grid))
-        return TrackedFrame(number, made.volume, particles, entry | {"sha256": of_image(image)})
+            particles = in_laboratory(particles, chain.space)
+            particles = particles.of(is_within(particles.position_mm, around(chain.grid)))
+        return TrackedFrame(number, made.volume, particles, entry | {"sha256": of_image(image)}, made.noise.dark)
+
+    def volume(self, number: int, report: Progress) -> SparseVolume:
+        """The volume of frame ``number``, whose particles are known.
+
+        Raises:
+            PlenoPIVError: as ``frame``.
+        """
+        source = self.recording.frames[number]
+        image, static = self.recording.light(number)
+        behind = None if static is None else [static]
+        stage = partial(report, f"reconstruction of {source.name}")
+        return self.chain.reconstruct([image], source.name, stage, behind).volume
+
+    def predicted(self, number: int, by: Predicted, dark: float, report: Progress) -> PredictedFrame:
+        """Frame ``number`` from where its particles are predicted, in the frame of the chain's grid; ``dark``: standard
+        deviation of a dark pixel in counts.
+
+        Raises:
+            PlenoPIVError: as ``frame``.
+        """
+        source, chain = self.recording.frames[number], self.chain
+        entry = frame_entry(source, None)
+        image, static = self.recording.light(number)
+        pixels = self.pixels(image, dark, static)
+        stage = partial(report, f"particles of {source.name}")
+        active = np.flatnonzero(by.active)
+        position, covariance = by.position_mm[active], by.covariance[active]
+        if chain.space is not None:
+            position = chain.space.to_lens(position)
+            turned = np.linalg.inv(chain.space.to_laboratory.jacobian(position))
+            covariance = turned @ covariance @ np.swapaxes(turned, 1, 2)
+        std = np.sqrt(np.einsum("nii->ni", covariance))
+        found, origin = particles_of_prediction(
+            self.of_points, pixels, position, std, by.light[active], around(chain.lens_grid), stage
+        )
+        origin = np.where(origin >= 0, active[origin], -1)
+        if chain.space is not None:
+            found = in_laboratory(found, chain.space)
+            inside = is_within(found.position_mm, around(chain.grid))
+            found, origin = found.of(inside), origin[inside]
+        return PredictedFrame(number, found, origin, entry | {"sha256": of_image(image)})
 
 
 def around(grid: VoxelGrid) -> Limits:
@@ -98,17 +155,16 @@ def in_laboratory(particles: FrameParticles, space: SpaceMap) -> FrameParticles:
     turned[:, :3, :3] = space.to_laboratory.jacobian(particles.position_mm)
     turned[:, 3, 3] = 1.0
     covariance = turned @ particles.covariance @ np.swapaxes(turned, 1, 2)
-    return replace(particles, position_mm=space.to_laboratory(particles.position_mm), covariance=covariance)
+    information, pull = particles.information, particles.pull
+    if information is not None and pull is not None:
+        back = np.linalg.inv(turned[:, :3, :3])
+        information = np.swapaxes(back, 1, 2) @ information @ back
+        pull = np.einsum("nji,nj->ni", back, pull)
+    position = space.to_laboratory(particles.position_mm)
+    return replace(particles, position_mm=position, covariance=covariance, information=information, pull=pull)
 
 
-def within(particles: FrameParticles, limits_mm: Limits) -> FrameParticles:
-    """Those within ``limits_mm``: lens space is a box around the volume's image."""
+def is_within(position_mm: NDArray[np.float64], limits_mm: Limits) -> NDArray[np.bool_]:
+    """Which positions (n, 3) are within ``limits_mm``: lens space is a box around the volume's image."""
     low, high = np.transpose(limits_mm)
-    kept = ((particles.position_mm >= low) & (particles.position_mm <= high)).all(1)
-    return FrameParticles(
-        particles.position_mm[kept],
-        particles.light[kept],
-        particles.covariance[kept],
-        particles.misfit[kept],
-        particles.chi2,
-    )
+    return np.asarray(((position_mm >= low) & (position_mm <= high)).all(1))

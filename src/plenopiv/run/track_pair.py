@@ -19,7 +19,7 @@ from plenopiv.io.series_file import pair_file
 from plenopiv.io.tracks_file import write_tracks
 from plenopiv.run.frame import LostFrame, Progress, taken_or_lost
 from plenopiv.run.pair import PairRecord
-from plenopiv.run.track_field import velocity_of_tracks
+from plenopiv.run.track_field import of_links, velocity_of_tracks
 from plenopiv.run.track_frame import FrameTracker, TrackedFrame
 from plenopiv.tracking.frame import FrameParticles
 from plenopiv.tracking.links import Links, link
@@ -70,7 +70,7 @@ class TrackJob:
             moved = chain.displacement(before.volume, after.volume, report)
             links = linked(first, second, moved, chain.grid, self.table)
             stage, time_s = partial(report, "field of the tracks"), recording.mid_time_s(number)
-            velocity = velocity_of_tracks(first, second, links, chain, self.table, dt_s, time_s, stage)
+            velocity = velocity_of_tracks(of_links(first, second, links), chain, self.table, dt_s, time_s, stage)
         if record.set_aside is not None:
             return record
         tracks = tracks_dataset(

@@ -29,6 +29,7 @@ from plenopiv.simulation.simulated_recording import (
     WhiteLight,
     check_settings,
     counted,
+    of_pair,
     optics_sheet,
     seed_pair,
     write_folder,
@@ -208,7 +209,7 @@ def simulate_real_recording(
         seen_mm=_seen_mm(camera, volume_mm, index),
     )  # fmt: skip
     texts = {"optics.json": json.dumps(known, indent=2), "truth.json": json.dumps(truth, indent=2), COMPLETE: text}
-    write_folder(out, images, moved, texts)
+    write_folder(out, images, {name: of_pair(*pair) for name, pair in moved.items()}, texts)
     return RealRecording(out, tuple(moved.values()), images)
 
 

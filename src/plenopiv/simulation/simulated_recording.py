@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from math import degrees
 from pathlib import Path
@@ -188,7 +188,7 @@ def simulate_recording(
         "truth.json": json.dumps(truth, indent=2),
         COMPLETE: experiment_toml(camera, orientation, dt_s, volume_mm, voxel_mm or default_voxel_mm(camera), windows),
     }
-    write_folder(out, images, {"truth_particles": (a, b)}, texts)
+    write_folder(out, images, {"truth_particles": of_pair(a, b)}, texts)
     return SimulatedRecording(out, a, b, images)
 
 
@@ -237,16 +237,21 @@ def optics_sheet(
     }
 
 
+def of_pair(a: Particles, b: Particles) -> dict[str, NDArray]:
+    """The truth of a pair, for ``write_folder``."""
+    return {"a": a.position_mm.astype(np.float32), "b": b.position_mm.astype(np.float32)}
+
+
 def write_folder(
     out: Path,
     images: dict[str, NDArray[np.uint16]],
-    truth: dict[str, tuple[Particles, Particles]],
+    truth: Mapping[str, Mapping[str, NDArray]],
     texts: dict[str, str],
 ) -> None:
     """Write every file aside, then rename them, the one that says "complete" last.
 
-    ``images`` by name, without ``.tif``; ``truth``: particles at two instants, by name, without ``.npz``; ``texts`` by
-    file name.
+    ``images`` by name, without ``.tif``; ``truth``: arrays by name, by name of their file without ``.npz``; ``texts``
+    by file name.
     """
     out.mkdir(parents=True, exist_ok=True)
     parts: list[tuple[Path, Path]] = []
@@ -257,9 +262,9 @@ def write_folder(
 
     for name, image in images.items():
         tifffile.imwrite(aside(f"{name}.tif"), image, compression="adobe_deflate", predictor=True)
-    for name, (a, b) in truth.items():
+    for name, arrays in truth.items():
         with open(aside(f"{name}.npz"), "wb") as f:
-            np.savez_compressed(f, a=a.position_mm.astype(np.float32), b=b.position_mm.astype(np.float32))
+            np.savez_compressed(f, **arrays)  # type: ignore[arg-type]
     for name in sorted(texts, key=lambda n: n == COMPLETE):
         aside(name).write_text(texts[name] + "\n")
     (out / COMPLETE).unlink(missing_ok=True)

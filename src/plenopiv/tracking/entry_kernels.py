@@ -21,6 +21,19 @@ def sum_light(
 
 
 @kernel
+def shift_shares(
+    start: NDArray[np.int64], gradient: NDArray[np.float32],
+    which: NDArray[np.int64], by_mm: NDArray[np.float64],  # (k,), (k, 3)
+    share: NDArray[np.float32],  # (entries,): added to
+) -> None:  # fmt: skip
+    """Add to the shares of the points ``which`` what their derivatives say of a small step."""
+    for k in range(which.size):
+        dx, dy, dz = by_mm[k, 0], by_mm[k, 1], by_mm[k, 2]
+        for e in range(start[which[k]], start[which[k] + 1]):
+            share[e] += np.float32(dx * gradient[e, 0] + dy * gradient[e, 1] + dz * gradient[e, 2])
+
+
+@kernel
 def take_entries(
     begin: int, end: int,
     start_a: NDArray[np.int64], pixel_a: NDArray[np.int32], share_a: NDArray[np.float32],

@@ -103,8 +103,9 @@ def _diagonal(normal: bsr_array) -> NDArray[np.int64]:
 
 
 def with_information(normal: bsr_array, information: Array) -> Array:
-    """Add ``information`` (3,) on x, y, z, in UNIT_MM^-2, to each particle's, in place; their own blocks (n, 4, 4)."""
+    """Add ``information`` (n, 3) on x, y, z, in UNIT_MM^-2, to each particle's, in place; their own blocks
+    (n, 4, 4)."""
     own = _diagonal(normal)
     for axis in range(3):
-        normal.data[own, axis, axis] += information[axis]
+        normal.data[own, axis, axis] += information[:, axis]
     return own_blocks(normal)

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
+from plenopiv.tracking.covariance import NEIGHBOURS as MOST_NEIGHBOURS
 from plenopiv.tracking.covariance import covariance_of
 from plenopiv.tracking.equations import UNIT_MM
 from plenopiv.tracking.evidence import misfit, without_evidence
-from plenopiv.tracking.light import PointLights
-from plenopiv.tracking.pixels import Pixels
+from plenopiv.tracking.light import Lights, PointLights
+from plenopiv.tracking.pixels import SAMPLE, Pixels
 from plenopiv.tracking.refine import Fit, Prior, fit_light, prior_std_mm, refine
 from plenopiv.tracking.search import places_of_light
 from plenopiv.volume import Limits
@@ -40,6 +41,10 @@ class FrameParticles:
     ``position_mm`` (n, 3); ``light`` (n,), counts of all pixels together; ``covariance`` (n, 4, 4) of x, y, z (mm) and
     light (counts), larger where pixels scatter more than their noise; ``misfit`` (n,), chi^2 of a particle's pixels per
     pixel; ``chi2``: that of all lit pixels.
+
+    What pixels alone say of positions, without the prior that is in ``covariance``: ``information`` (n, 3, 3) mm^-2,
+    next to nothing along depth near focus, and ``pull`` (n, 3) mm^-1, by which the logarithm of their likelihood grows
+    with the position; None where that is not known.
     """
 
     position_mm: Array
@@ -47,6 +52,14 @@ class FrameParticles:
     covariance: Array
     misfit: Array
     chi2: float
+    information: Array | None = None
+    pull: Array | None = None
+
+    def of(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> FrameParticles:
+        """The particles ``which`` alone."""
+        said = (None if each is None else each[which] for each in (self.information, self.pull))
+        parts = self.position_mm[which], self.light[which], self.covariance[which], self.misfit[which]
+        return FrameParticles(*parts, self.chi2, *said)
 
 
 def particles_of_frame(
@@ -71,7 +84,7 @@ def particles_of_frame(
     position = position_mm
     for done in range(PASSES):
         fit = refine(of_points, pixels, position, light, prior, STEPS if done else FIRST_STEPS, lights.pop(), ROUGHLY)
-        pixels = _with_noise(pixels, fit)
+        pixels = with_noise(pixels, fit.lights, fit.light)
         out = without_evidence(fit, covariance_of(fit, NEIGHBOURS), misfit(fit, pixels.usable))
         position, light, first = fit.position_mm[~out], fit.light[~out], prior.position_mm[~out]
         excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
@@ -89,27 +102,46 @@ def particles_of_frame(
         if len(new) + out.sum() <= FEW * len(light):
             break
     fit = refine(of_points, pixels, position, light, prior, LAST_STEPS, lights.pop(), STILL)
-    return _judged(fit, pixels)
+    return judged(fit, pixels)[0]
 
 
-def _with_noise(pixels: Pixels, fit: Fit) -> Pixels:
+def with_noise(pixels: Pixels, lights: Lights, light: Array, sample: int = SAMPLE) -> Pixels:
+    """The pixels with noise as particles of ``light`` (n,) leave it, measured on a ``sample`` of them."""
     unlit = np.ones(len(pixels.counts), bool)
-    unlit[fit.lights.pixel] = False
-    return pixels.with_measured_noise(unlit, fit.lights.image(fit.light, len(pixels.counts)))
+    unlit[lights.pixel] = False
+    return pixels.with_measured_noise(unlit, lights.image(light, len(pixels.counts)), sample)
 
 
-def _judged(fit: Fit, pixels: Pixels) -> FrameParticles:
-    """What the last fit found, without particles that the pixels do not speak for."""
-    covariance, off = covariance_of(fit), misfit(fit, pixels.usable)
+def judged(fit: Fit, pixels: Pixels, neighbours: int = MOST_NEIGHBOURS) -> tuple[FrameParticles, NDArray[np.bool_]]:
+    """What the last fit found, without particles that the pixels do not speak for, and which (n,) are left.
+    ``neighbours``: whose parameters are free in the error bars."""
+    covariance, off = covariance_of(fit, neighbours), misfit(fit, pixels.usable)
     kept = ~without_evidence(fit, covariance, off)
+    scale = np.maximum(off[kept], 1.0)
+    information, pull = _of_pixels_alone(fit.position_mm[kept], covariance[kept], fit.prior.of(kept))
     unit = np.concatenate([np.broadcast_to(UNIT_MM, (len(fit.light), 3)), fit.light[:, None]], 1)[kept]
     lit = np.zeros(len(pixels.counts), bool)
     lit[fit.lights.pixel] = True
     lit &= pixels.usable
-    return FrameParticles(
+    found = FrameParticles(
         fit.position_mm[kept],
         fit.light[kept],
-        covariance[kept] * unit[:, :, None] * unit[:, None, :] * np.maximum(off[kept], 1.0)[:, None, None],
+        covariance[kept] * unit[:, :, None] * unit[:, None, :] * scale[:, None, None],
         off[kept],
         float(np.mean(fit.residual[lit] ** 2 / fit.variance[lit])),
+        information / scale[:, None, None],
+        pull / scale[:, None],
     )
+    return found, kept
+
+
+def _of_pixels_alone(position_mm: Array, covariance: Array, prior: Prior) -> tuple[Array, Array]:
+    """Information (n, 3, 3) mm^-2 and slope (n, 3) mm^-1 of what pixels say, light and neighbours free: the prior is
+    taken off the fit's ``covariance`` (n, 4, 4), in the fit's units. Where a fit rests the slopes of both cancel."""
+    whole = np.linalg.inv(covariance[:, :3, :3])
+    for axis in range(3):
+        whole[:, axis, axis] -= prior.information[:, axis]
+    values, vectors = np.linalg.eigh(whole)
+    information = (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+    pull = prior.information / UNIT_MM**2 * (position_mm - prior.position_mm)
+    return information / UNIT_MM[:, None] / UNIT_MM, pull

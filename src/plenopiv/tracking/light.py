@@ -67,6 +67,12 @@ class Lights:
             source = mixed
         return _taken(self, others, source)
 
+    def shifted(self, which: NDArray[np.int64], by_mm: Array) -> Lights:
+        """The same with the points ``which`` (k,) moved by small steps (k, 3) in mm, to first order."""
+        share = self.share.copy()
+        entry_kernels.shift_shares(self.start, self.gradient, which, np.asarray(by_mm, np.float64), share)
+        return Lights(self.start, self.pixel, share, self.gradient)
+
     def whole(self) -> Array:
         """The share of each point's light that falls on the sensor (n,)."""
         return np.asarray(np.bincount(self.point, self.share, len(self.start) - 1), np.float64)

@@ -66,11 +66,11 @@ def link(
     ratio = _ratio_of_light(first, second)
     found = Links(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), scatter)
     for _ in range(PASSES):
-        found = _assigned(first, second, predicted + departure, scatter, ratio, most_mm)
+        found = cheapest(first, second, predicted + departure, scatter, ratio, most_mm)
         if len(found.a) <= NEIGHBOURS + 1:
             return found
         left = second.position_mm[found.b] - first.position_mm[found.a] - predicted[found.a]
-        departure = _of_neighbours(first.position_mm, found.a, left)
+        departure = of_neighbours(first.position_mm, found.a, left)
         own = np.abs(left - departure[found.a])
         noise = np.einsum("nii->ni", first.covariance[found.a] + second.covariance[found.b])[:, :3]
         spread = (np.quantile(own, COVERED, 0) / COVERED_STD) ** 2 - np.median(noise, 0)
@@ -83,9 +83,9 @@ def _ratio_of_light(first: FrameParticles, second: FrameParticles) -> float:
     return float(np.log(np.median(second.light) / np.median(first.light)))
 
 
-def _of_neighbours(position: Array, linked: NDArray[np.int64], left: Array) -> Array:
-    """Departure (n, 3) of each particle by a linear fit through those of its linked neighbours, itself left out, in
-    which outlying ones count less."""
+def of_neighbours(position: Array, linked: NDArray[np.int64], left: Array) -> Array:
+    """What ``left`` (k, 3) of the particles ``linked`` (k,) lets expect of each one at ``position`` (n, 3): a linear
+    fit through those of its linked neighbours, itself left out, in which outlying ones count less."""
     _, near = cKDTree(position[linked]).query(position, min(NEIGHBOURS + 1, len(linked)))
     off = position[linked][near] - position[:, None]
     size = np.sqrt((off**2).mean((1, 2), keepdims=True)) + 1e-12
@@ -107,10 +107,11 @@ def _of_neighbours(position: Array, linked: NDArray[np.int64], left: Array) -> A
     return out
 
 
-def _assigned(
+def cheapest(
     first: FrameParticles, second: FrameParticles, expected: Array, scatter: Array, ratio: float, most_mm: float
 ) -> Links:
-    """The cheapest links to where particles are ``expected`` to be displaced by (n, 3) mm."""
+    """The cheapest links to where particles are ``expected`` to be displaced by (n, 3) mm, up to ``scatter`` (3,) mm;
+    ``ratio``: logarithm of the second frame's light over the first's."""
     a, b = _within(first, second, expected, scatter)
     moved = second.position_mm[b] - first.position_mm[a]
     covariance = first.covariance[a][:, :3, :3] + second.covariance[b][:, :3, :3] + np.diag(scatter**2)

@@ -60,13 +60,13 @@ class Pixels:
         """Variance in counts^2 of pixels that expect ``light`` counts of particles."""
         return self.counts_per_electron * (np.maximum(light + self.background, 0.0) + self.static) + self.noise
 
-    def with_measured_noise(self, unlit: NDArray[np.bool_], expected: Array) -> Pixels:
+    def with_measured_noise(self, unlit: NDArray[np.bool_], expected: Array, sample: int = SAMPLE) -> Pixels:
         """The same with noise measured on this frame. ``unlit``: pixels that no particle lights, which tell stray light
         and dark noise; ``expected``: counts of particles in each pixel. What pixels with light differ from that by
         tells the shot noise: it is taken where it is less than what was known, as a white image whose microlenses
         differ only bounds it. Median deviations are compared, so that particles not yet found count little. The same
-        where there are too few pixels."""
-        some = slice(None, None, max(len(expected) // SAMPLE, 1))
+        where there are too few pixels. ``sample``: pixels, evenly spaced, that are looked at."""
+        some = slice(None, None, max(len(expected) // sample, 1))
         counts, usable, expected = self.counts[some], self.usable[some], expected[some]
         behind = np.broadcast_to(self.static, self.counts.shape)[some]
         dark = unlit[some] & usable

@@ -45,15 +45,27 @@ LEAST_LIGHT = 1e-3  # of the median: light stays positive
 
 @dataclass(frozen=True)
 class Prior:
-    """Where particles were first seen, (n, 3) mm, and how well that is known in the least: ``std_mm`` (3,)."""
+    """Where particles were first seen, or are predicted to be, (n, 3) mm, and how well that is known in the least:
+    ``std_mm`` (3,) or (n, 3)."""
 
     position_mm: Array
     std_mm: Array
 
     @property
     def information(self) -> Array:
-        """(3,), in UNIT_MM^-2."""
-        return np.asarray((UNIT_MM / self.std_mm) ** 2)
+        """(n, 3), in UNIT_MM^-2."""
+        return np.broadcast_to((UNIT_MM / self.std_mm) ** 2, self.position_mm.shape)
+
+    def of(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> Prior:
+        """That of the particles ``which`` alone."""
+        return Prior(self.position_mm[which], self.std_mm if self.std_mm.ndim == 1 else self.std_mm[which])
+
+    def joined(self, position_mm: Array, std_mm: Array) -> Prior:
+        """The same, and then particles first seen at ``position_mm`` (k, 3), all known to ``std_mm`` (3,)."""
+        first = np.concatenate([self.position_mm, position_mm])
+        if self.std_mm.ndim == 1:
+            return Prior(first, self.std_mm)
+        return Prior(first, np.concatenate([self.std_mm, np.broadcast_to(std_mm, position_mm.shape)]))
 
 
 @dataclass(frozen=True)
@@ -75,7 +87,7 @@ class Fit:
         included, in units of UNIT_MM and of each one's light."""
         which = np.arange(len(self.light)) if which is None else which
         normal = normal_equations(_of(self.lights, which), self.light[which], self.weight)
-        with_information(normal, self.prior.information)
+        with_information(normal, self.prior.of(which).information)
         return normal
 
 
@@ -96,37 +108,70 @@ def refine(
     iterations: int,
     lights: Lights | None = None,
     still: float = 0.0,
+    near: float = 0.0,
 ) -> Fit:
     """Fit particles by ``iterations`` of Gauss-Newton, at most, from positions (n, 3) mm and light (n,) counts.
-    ``lights``: of the positions, where it is known; ``still``: the root of chi^2 that a particle must gain to move."""
+    ``lights``: of the positions, where it is known; ``still``: the root of chi^2 that a particle must gain to move;
+    ``near``: units of UNIT_MM within which light follows its derivatives, without being computed anew."""
+    first = [of_points(position_mm) if lights is None else lights]
+    del lights  # handed on by pop(), so that what is moved is let go
+    position, light, lights = stepped(
+        of_points, pixels, position_mm, light, prior, iterations, first.pop(), still=still, near=near
+    )
+    residual, variance = residual_of(lights, pixels, light)
+    weight, _ = pixel_weights(pixels.usable, residual, variance)
+    return Fit(position, light, lights, residual, variance, weight, prior)
+
+
+def stepped(
+    of_points: PointLights,
+    pixels: Pixels,
+    position_mm: Array,
+    light: Array,
+    prior: Prior,
+    iterations: int,
+    lights: Lights,
+    *,
+    still: float,
+    near: float,
+    tolerance: float = TOLERANCE,
+) -> tuple[Array, Array, Lights]:
+    """Positions, light and where it goes after ``iterations``, as ``refine``; ``tolerance``: of conjugate gradients."""
     position, light = position_mm.copy(), light.copy()
-    lights = of_points(position) if lights is None else lights
+    since = np.zeros_like(position)  # steps, in units, since a particle's light was computed
     for _ in range(iterations):
-        residual, variance = _residual(lights, pixels, light)
+        residual, variance = residual_of(lights, pixels, light)
         weight, pull = pixel_weights(pixels.usable, residual, variance)
         own, slope = own_equations(lights, light, weight, pull)
         slope[:, :3] += prior.information * (prior.position_mm - position) / UNIT_MM
-        known = own + np.diag([*prior.information, 0.0]) + LEAST_KNOWN * np.eye(4)
+        known = own + LEAST_KNOWN * np.eye(4)
+        for axis in range(3):
+            known[:, axis, axis] += prior.information[:, axis]
         gain = np.einsum("ni,ni->n", slope, np.linalg.solve(known, slope[:, :, None])[:, :, 0])
-        moves = gain > still**2
-        which, rests = np.flatnonzero(moves), np.flatnonzero(~moves)
+        which = np.flatnonzero(gain > still**2)
         if len(which) == 0:
             break
-        some, step = _of(lights, which), np.empty((len(which), 4))
-        for part, near in parts(some, position[which, :2], len(weight)):
-            normal = normal_equations(_of(some, near), light[which[near]], weight)
-            all_near = _solved(normal, with_information(normal, prior.information), slope[which[near]])
-            step[part] = all_near[np.searchsorted(near, part)]
+        some, step, of_prior = _of(lights, which), np.empty((len(which), 4)), prior.of(which).information
+        for part, around in parts(some, position[which, :2], len(weight)):
+            normal = normal_equations(_of(some, around), light[which[around]], weight)
+            own = with_information(normal, of_prior[around])
+            step[part] = _solved(normal, own, slope[which[around]], tolerance)[np.searchsorted(around, part)]
             del normal
-        position[which] += UNIT_MM * np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
+        moved = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
+        position[which] += UNIT_MM * moved
         least = LEAST_LIGHT * float(np.median(light))
         light[which] = np.maximum(light[which] * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
+        since[which] += moved
+        far = np.abs(since[which]).max(1) > near
         del some
-        lights = lights.of(rests)  # the rest is let go before it is made anew
-        lights = lights.with_others(np.arange(len(rests)), of_points(position[which]), which)
-    residual, variance = _residual(lights, pixels, light)
-    weight, _ = pixel_weights(pixels.usable, residual, variance)
-    return Fit(position, light, lights, residual, variance, weight, prior)
+        if not far.all():
+            lights = lights.shifted(which[~far], UNIT_MM * moved[~far])
+        if far.any():
+            anew, rests = which[far], np.delete(np.arange(len(light)), which[far])
+            since[anew] = 0.0
+            lights = lights.of(rests)  # the rest is let go before it is made anew
+            lights = lights.with_others(np.arange(len(rests)), of_points(position[anew]), anew)
+    return position, light, lights
 
 
 def _of(lights: Lights, which: NDArray[np.int64]) -> Lights:
@@ -138,7 +183,7 @@ def fit_light(lights: Lights, pixels: Pixels, light: Array, iterations: int = 3)
     """The light (n,) in counts that fits best where ``lights`` are; positive."""
     start = lights.start.astype(np.int32 if lights.start[-1] < 2**31 else np.int64)
     for _ in range(iterations):
-        residual, variance = _residual(lights, pixels, light)
+        residual, variance = residual_of(lights, pixels, light)
         weight = np.where(pixels.usable, 1.0 / variance, 0.0)
         whitened, own, slope = np.empty(len(lights.pixel), np.float32), np.empty(len(light)), np.empty(len(light))
         entries = lights.start, lights.pixel, lights.share
@@ -152,7 +197,7 @@ def fit_light(lights: Lights, pixels: Pixels, light: Array, iterations: int = 3)
     return light
 
 
-def _residual(lights: Lights, pixels: Pixels, light: Array) -> tuple[Array, Array]:
+def residual_of(lights: Lights, pixels: Pixels, light: Array) -> tuple[Array, Array]:
     """Counts that particles do not explain, and the variance, of each pixel."""
     expected = lights.image(light, len(pixels.counts))
     return np.where(pixels.usable, pixels.counts - pixels.background - expected, 0.0), pixels.variance(expected)
@@ -167,7 +212,7 @@ def pixel_weights(usable: NDArray[np.bool_], residual: Array, variance: Array) -
     return weight.astype(np.float32), (weight * residual).astype(np.float32)
 
 
-def _solved(normal: bsr_array, own: Array, slope: Array) -> Array:
+def _solved(normal: bsr_array, own: Array, slope: Array, tolerance: float) -> Array:
     """The step (n, 4), in units, that solves the damped equations."""
     diagonal = np.einsum("nii->ni", own)
     damping = DAMPING * diagonal + LEAST_KNOWN
@@ -184,7 +229,7 @@ def _solved(normal: bsr_array, own: Array, slope: Array) -> Array:
     step, _ = cg(
         LinearOperator(shape, times),
         slope.ravel(),
-        rtol=TOLERANCE,
+        rtol=tolerance,
         maxiter=PRODUCTS,
         M=LinearOperator(shape, precondition),
     )

@@ -46,11 +46,11 @@ def _scores(
     excess: NDArray[np.float32],  # (rows * columns,): standard deviations, clipped; NaN where a pixel cannot be used
     x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], z_mm: NDArray[np.float64],
     ray: NDArray[np.float64],  # (rays, 2): on the main lens, mm, the first of them spread as all are
+    poor: float,  # mean of the first rays below which the others are not asked
     score: NDArray[np.float32],  # (nz, ny, nx), filled
 ) -> None:  # fmt: skip
     """Scores of the rows ``begin`` to ``end`` of places, k * ny + j, on a regular lattice of microlenses."""
     ny, first = y_mm.size, ray.shape[0] // FIRST
-    poor = POOR * LEAST / sqrt(float(ray.shape[0]))
     for row in range(begin, end):
         k, j = row // ny, row % ny
         distance = cam.object_distance - z_mm[k]
@@ -82,11 +82,13 @@ def _scores(
             score[k, j, i] = total / sqrt(float(used)) if 2 * used > ray.shape[0] else 0.0
 
 
-def places_of_light(of_points: PointLights, excess: Array, limits_mm: Limits) -> tuple[Array, Array]:
+def places_of_light(
+    of_points: PointLights, excess: Array, limits_mm: Limits, poor: float = POOR
+) -> tuple[Array, Array]:
     """Places (n, 3) in mm within ``limits_mm`` that may hold a particle more, and their scores (n,), best first.
 
     ``excess`` (rows * columns,): standard deviations by which each pixel is brighter than the known particles make it;
-    NaN where it cannot be used.
+    NaN where it cannot be used. ``poor``: share of the mean that is needed which the first rays must show.
     """
     camera = of_points.camera
     pitch = camera.lattice.pitch_mm / abs(camera.main_lens.magnification)
@@ -99,7 +101,7 @@ def places_of_light(of_points: PointLights, excess: Array, limits_mm: Limits) ->
     ray = np.stack([r * np.cos(turn), r * np.sin(turn)], -1)[np.argsort(np.arange(n) % FIRST, kind="stable")]
     score = np.empty((z.size, y.size, x.size), np.float32)
     clipped = np.clip(excess, -MOST, MOST).astype(np.float32)
-    in_threads(_scores, z.size * y.size, of_points.constants, clipped, x, y, z, ray, score)
+    in_threads(_scores, z.size * y.size, of_points.constants, clipped, x, y, z, ray, poor * LEAST / sqrt(n), score)
     top = (score == maximum_filter(score, 3, mode="constant")) & (score > LEAST)
     k, j, i = np.nonzero(top)
     order = np.argsort(-score[k, j, i], kind="stable")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from plenopiv.tracking.frame import FrameParticles
 from plenopiv.tracking.links import Links
+from plenopiv.tracking.trajectories import Trajectories
 
 if TYPE_CHECKING:
     import xarray
@@ -28,12 +29,9 @@ def tracks_dataset(
     x_std ... w_std; covariance (obs, 6, 6) of x, y, z (mm) and u, v, w (m/s); light in counts, light_std; frame;
     track_id, the same wherever a particle is seen, -1 without a link.
     """
-    import xarray as xr
-
     first = dict(zip([number for number, _ in frames], _starts([len(p.light) for _, p in frames]), strict=True))
     total = sum(len(p.light) for _, p in frames)
     position = np.concatenate([p.position_mm for _, p in frames]).reshape(-1, 3)
-    light = np.concatenate([p.light for _, p in frames])
     own = np.concatenate([p.covariance for _, p in frames]).reshape(-1, 4, 4)
     covariance = np.full((total, 6, 6), np.nan)
     covariance[:, :3, :3] = own[:, :3, :3]
@@ -53,8 +51,35 @@ def tracks_dataset(
             covariance[at, 3:, 3:] = (of_a + of_b) * rate**2
             covariance[at, :3, 3:] = cross
             covariance[at, 3:, :3] = np.swapaxes(cross, 1, 2)
+    frame = np.repeat([number for number, _ in frames], [len(p.light) for _, p in frames])
+    return _observations(frames, np.concatenate([position, velocity], 1), covariance, frame, track)
+
+
+def smooth_dataset(frames: Sequence[tuple[int, FrameParticles]], smooth: Trajectories, dt_s: float) -> xarray.Dataset:
+    """All particles on their smooth tracks, as ``tracks_dataset``: positions are the smooth ones, u, v, w and all
+    covariances those of the smoothing; ax, ay, az in m/s^2 with ax_std, ay_std, az_std besides. ``frames``: numbers
+    from 0 and particles, ``dt_s`` apart, in the order of ``smooth``."""
+    rate = 1e-3 / dt_s
+    unit = np.concatenate([np.ones(3), np.full(3, rate), np.full(3, rate / dt_s)])  # of mm and frames
+    covariance = smooth.covariance * unit[:, None] * unit
+    values, std = smooth.mean * unit, np.sqrt(np.einsum("nii->ni", covariance))
+    out = _observations(frames, values[:, :6], covariance[:, :6, :6], smooth.frame, smooth.track)
+    for k, axis in enumerate("xyz"):
+        name, units = f"a{axis}", {"units": "m s-2"}
+        said = {"long_name": f"acceleration along {axis}", "ancillary_variables": f"{name}_std"}
+        out[name] = ("obs", values[:, 6 + k], units | said)
+        out[f"{name}_std"] = ("obs", std[:, 6 + k], units | {"long_name": f"standard deviation of {name}"})
+    return out
+
+
+def _observations(
+    frames: Sequence[tuple[int, FrameParticles]], values: Array, covariance: Array, frame: NDArray, track: NDArray
+) -> xarray.Dataset:
+    """Entries of positions and velocities (obs, 6) with their covariance (obs, 6, 6)."""
+    import xarray as xr
+
+    light_std = [np.sqrt(p.covariance[:, 3, 3]) for _, p in frames]
     std = np.sqrt(np.einsum("nii->ni", covariance))
-    values = np.concatenate([position, velocity], 1)
     variables: dict[str, tuple] = {}
     for k, name in enumerate(NAMES):
         units, what = ("mm", f"position along {name}") if k < 3 else ("m s-1", f"velocity along {'xyz'[k - 3]}")
@@ -64,15 +89,22 @@ def tracks_dataset(
             {"units": units, "long_name": what, "ancillary_variables": f"{name}_std"},
         )
         variables[f"{name}_std"] = ("obs", std[:, k], {"units": units, "long_name": f"standard deviation of {name}"})
-    frame = np.repeat([number for number, _ in frames], [len(p.light) for _, p in frames])
     variables |= {
         "covariance": (
             ("obs", "parameter", "parameter_2"),
             covariance,
             {"long_name": "covariance of x, y, z (mm) and u, v, w (m/s)"},
         ),
-        "light": ("obs", light, {"units": "count", "long_name": "light of the particle in all pixels"}),
-        "light_std": ("obs", np.sqrt(own[:, 3, 3]), {"units": "count", "long_name": "standard deviation of light"}),
+        "light": (
+            "obs",
+            np.concatenate([p.light for _, p in frames]),
+            {"units": "count", "long_name": "light of the particle in all pixels"},
+        ),
+        "light_std": (
+            "obs",
+            np.concatenate(light_std),
+            {"units": "count", "long_name": "standard deviation of light"},
+        ),
         "misfit": ("obs", np.concatenate([p.misfit for _, p in frames]), {"long_name": "chi^2 of its pixels, each"}),
         "frame": ("obs", frame.astype(np.int32), {"long_name": "number of the frame, from 0"}),
         "track_id": (

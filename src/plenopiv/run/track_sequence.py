@@ -1,0 +1,220 @@
+"""The frames of a sequence, one after the other: the first ones reconstructed, later ones from predictions.
+
+Particles of the first frames are found and linked as in pairs. From then on a frame begins where the tracks predict its
+particles, and neither reconstruction nor correlation is made. Where the prediction fails, the frame is begun anew. What
+a frame needs of earlier ones, positions, tracks and noise, is in their files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.errors import PlenoPIVError
+from plenopiv.experiment.tracking_table import TrackingTable
+from plenopiv.io.particles_file import read_particles, write_particles
+from plenopiv.io.series_folder import SeriesFolder
+from plenopiv.recording import Recording
+from plenopiv.run.frame import LostFrame, Progress, taken_or_lost
+from plenopiv.run.log import Clock
+from plenopiv.run.pair import PairRecord
+from plenopiv.run.track_frame import FrameTracker, PredictedFrame, TrackedFrame, around
+from plenopiv.run.track_pair import linked
+from plenopiv.tracking.follow import FEWEST, followed
+from plenopiv.tracking.frame import FrameParticles
+from plenopiv.tracking.predict import FRAMES, LOST, predicted
+from plenopiv.tracking.sightings import SeenFrame
+from plenopiv.volume import SparseVolume
+
+METHOD = "multi-frame"
+BEGUN = 4  # frames that are reconstructed before others are predicted
+
+Int = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class KeptFrame:
+    """What is kept of a frame: its particles and their tracks; ``dark``: standard deviation of a dark pixel in counts;
+    ``unused``: the least number that no track of it or an earlier frame has."""
+
+    seen: SeenFrame
+    dark: float
+    unused: int
+
+
+def check_sequence(recording: Recording) -> None:
+    """Raise PlenoPIVError for a recording whose frames are not a sequence, equally spaced in time."""
+    if not recording.is_sequence:
+        raise PlenoPIVError(
+            f'tracking.method: "{METHOD}" takes a sequence of frames, each recording.dt_s after the one before; these '
+            'are pairs of pulses: use "two-frame"'
+        )
+    if len(recording) < BEGUN:
+        raise PlenoPIVError(
+            f'tracking.method: "{METHOD}" takes {BEGUN} frames or more, there are {len(recording)}: use "two-frame"'
+        )
+
+
+@dataclass
+class SequenceJob:
+    """Tracks the frames of a sequence into the ``folder`` of its results."""
+
+    tracker: FrameTracker
+    table: TrackingTable
+    folder: SeriesFolder
+    clock: Clock
+    report: Progress
+    past: list[KeptFrame] = field(default_factory=list)  # the last frames
+    volume: tuple[int, SparseVolume] | None = None  # the last frame's number and volume, if it was reconstructed
+
+    @property
+    def left(self) -> list[int]:
+        """The pairs that are still to be made: the first that is missing, and all after it."""
+        count = len(self.tracker.recording.pairs)
+        finished = next((k for k in range(count) if k not in self.folder.finished), count)
+        return list(range(finished, count))
+
+    def records(self, numbers: Sequence[int]) -> Iterator[PairRecord]:
+        """The records of the pairs ``numbers``, each the one after the other, the frames' files written.
+
+        Raises:
+            PlenoPIVError: a file cannot be written, or the file of a frame is gone since the run began.
+        """
+        if not numbers:
+            return
+        before: LostFrame | dict[str, Any]
+        if numbers[0] == 0:
+            before, files, _, _ = self._frame(0, PairRecord(0, []))
+        else:
+            self._look_back(numbers[0])
+            before, files = self.folder.finished[numbers[0] - 1]["frames"][1], []
+            if not self.past or self.past[-1].seen.number < numbers[0]:
+                before = self._frame(numbers[0], PairRecord(0, []))[0]  # it was lost, and says why once more
+        for number in numbers:
+            record = PairRecord(number, [before.entry if isinstance(before, LostFrame) else before])
+            after, more, told, count = self._frame(number + 1, record)
+            record.frames.append(after.entry if isinstance(after, LostFrame) else after)
+            record.files, record.warnings = [*files, *more], told
+            for one in (before, after):
+                if isinstance(one, LostFrame):
+                    record.set_aside = one.reason
+            if record.set_aside is None:
+                record.numbers |= self._numbers(number, count)
+            yield record
+            before, files = after, []
+
+    def _look_back(self, number: int) -> None:
+        """Read the frames before ``number`` and itself, as far as the next one needs them."""
+        for k in range(max(number - FRAMES, 0), number + 1):
+            if (path := self.folder.there(frame_file(k))).exists():
+                self.past.append(read_frame(path, k))
+
+    def _frame(self, number: int, record: PairRecord) -> tuple[LostFrame | dict[str, Any], list[str], list[str], int]:
+        """Frame ``number``: why it was lost, or its entry in the manifest; files, what was warned of, and how many of
+        its particles go on with a track of the frame before."""
+        with self.clock("particles"):
+            follows, said = self._followed(number, record)
+        found: PredictedFrame | TrackedFrame
+        if follows is not None:
+            found, tracks = follows
+            self.volume, dark = None, self.past[-1].dark
+        else:
+            with self.clock("particles"):
+                take = partial(self.tracker.frame, number, self.report)
+                taken = taken_or_lost(self.tracker.recording, number, take)
+            if isinstance(taken, LostFrame):
+                self.volume = None
+                return taken, [], [*said, *taken.warned], 0
+            found, tracks = taken, self._linked(taken, record)
+            self.volume, dark = (number, taken.volume), taken.dark
+        unused = max([int(tracks.max(initial=-1)) + 1, *(one.unused for one in self.past[-1:])])
+        kept = KeptFrame(SeenFrame(number, found.particles, tracks), dark, unused)
+        before = next((one.seen.track for one in self.past if one.seen.number == number - 1), np.empty(0))
+        self.past = [*self.past[1 - FRAMES :], kept]
+        name = frame_file(number)
+        write_frame(self.folder.path(name), kept)
+        return found.entry, [name], [*said, *found.warned], int(np.isin(tracks, before).sum())
+
+    def _followed(self, number: int, record: PairRecord) -> tuple[tuple[PredictedFrame, Int] | None, list[str]]:
+        """Frame ``number`` from predictions and the tracks of its particles, None where it has to be reconstructed, and
+        what is to be said."""
+        seen = [one.seen for one in self.past if one.seen.number >= number - FRAMES]
+        if len(seen) < BEGUN or seen[-1].number < number - 1 - LOST:
+            return None, []
+        name = self.tracker.recording.frames[number].name
+        by = predicted(seen, number, around(self.tracker.chain.grid))
+        try:
+            found = self.tracker.predicted(number, by, self.past[-1].dark, self.report)
+        except PlenoPIVError:
+            return None, []  # reconstruction says what is wrong with the frame
+        follows = followed(found.particles, found.origin, by, self.past[-1].unused)
+        if follows.kept < FEWEST * by.active.sum():
+            said = (
+                f"{name}: {follows.kept} of {int(by.active.sum())} particles are where the frames before let expect "
+                "them; it is reconstructed, and tracked anew"
+            )
+            return None, [said]
+        record.numbers["left_by_prediction_mm"] = follows.off_mm.tolist()
+        return (found, follows.track), []
+
+    def _linked(self, taken: TrackedFrame, record: PairRecord) -> Int:
+        """The tracks of a reconstructed frame's particles: those that correlation links to the frame before."""
+        unused = self.past[-1].unused if self.past else 0
+        tracks = unused + np.arange(len(taken.particles.light))
+        before = self.past[-1].seen if self.past and self.past[-1].seen.number == taken.number - 1 else None
+        if before is None:
+            return tracks
+        chain = self.tracker.chain
+        with self.clock("links and field"), record.measuring(only=False):
+            if self.volume is not None and self.volume[0] == before.number:
+                volume = self.volume[1]
+            else:
+                volume = self.tracker.volume(before.number, self.report)
+            moved = chain.displacement(volume, taken.volume, self.report)
+            links = linked(before.particles, taken.particles, moved, chain.grid, self.table)
+            tracks[links.b] = before.track[links.a]
+            record.numbers["left_by_correlation_mm"] = links.scatter_mm.tolist()
+        return tracks
+
+    def _numbers(self, number: int, linked: int) -> dict[str, Any]:
+        """What the record of a pair says of its frames."""
+        first, second = (one.seen.particles for one in self.past[-2:])
+        std = np.sqrt(np.median(np.einsum("nii->ni", second.covariance), 0))[:3]
+        return {
+            "particles": [len(first.light), len(second.light)],
+            "linked": linked,
+            "median_std_mm": std.tolist(),
+        }
+
+
+def frame_file(number: int) -> str:
+    """Name of the file of a frame's particles, from 0, in the folder of the tracking."""
+    return f"pairs/particles-{number:04d}.npz"
+
+
+def write_frame(path: Path, frame: KeptFrame) -> None:
+    """Write a frame's particles and tracks.
+
+    Raises:
+        PlenoPIVError: as ``write_particles``.
+    """
+    particles = {one.name: getattr(frame.seen.particles, one.name) for one in fields(FrameParticles)}
+    write_particles(path, particles | {"track": frame.seen.track, "dark": frame.dark, "unused": frame.unused})
+
+
+def read_frame(path: Path, number: int) -> KeptFrame:
+    """What ``write_frame`` wrote of frame ``number``.
+
+    Raises:
+        PlenoPIVError: the file is damaged.
+    """
+    values: dict[str, Any] = read_particles(path)
+    track, dark, unused, chi2 = (values.pop(name) for name in ("track", "dark", "unused", "chi2"))
+    particles = FrameParticles(chi2=float(chi2), **values)
+    return KeptFrame(SeenFrame(number, particles, track), float(dark), int(unused))

@@ -1,0 +1,96 @@
+"""All particles of one frame whose places are predicted.
+
+Where the prediction is good, a particle is a few standard deviations from its place, and one joint fit is enough: no
+volume, no first guess, no passes. Before it, each predicted particle is asked by itself whether its light is there, so
+that those that have left do not push the others; after the first step, what is left in the pixels is searched once for
+new ones. Light follows its derivatives where a step is small.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.errors import PlenoPIVError
+from plenopiv.tracking.frame import FIRST_LIGHT, NONE, ROUGHLY, FrameParticles, Progress, judged, with_noise
+from plenopiv.tracking.light import Lights, PointLights
+from plenopiv.tracking.pixels import Pixels
+from plenopiv.tracking.refine import Prior, own_equations, pixel_weights, prior_std_mm, refine, residual_of, stepped
+from plenopiv.tracking.search import places_of_light
+from plenopiv.volume import Limits
+
+PRESENT = 0.4  # of its predicted light that a particle's pixels must hold
+PASSES = 3  # of steps and searches, at most
+MANY = 0.2  # share of particles found in a pass from which on another follows
+STEPS = 2  # Gauss-Newton iterations of the last fit
+NEAR = 0.04  # units of UNIT_MM, a few hundredths of a voxel, within which light follows its derivatives
+TOLERANCE = 1e-2  # of conjugate gradients in the first step
+POOR = 0.45  # share of the mean needed that the first rays of a place must show: new particles are not faint
+NOISE_OF = 40_000  # pixels that noise is measured on
+NEIGHBOURS = 12  # whose parameters are free in the error bars
+
+Array = NDArray[np.float64]
+
+
+def particles_of_prediction(
+    of_points: PointLights,
+    pixels: Pixels,
+    position_mm: Array,
+    std_mm: Array,
+    light: Array,
+    limits_mm: Limits,
+    progress: Progress | None = None,
+) -> tuple[FrameParticles, NDArray[np.int64]]:
+    """The particles of one frame from predicted positions (n, 3) mm, known to ``std_mm`` (n, 3), and light (n,) counts,
+    one factor of which is free; and of each found particle which of the predicted ones it is, -1 for those that were
+    found within ``limits_mm``.
+
+    Raises:
+        PlenoPIVError: nothing is predicted, or the pixels speak for no particle.
+    """
+    if len(light) == 0:
+        raise PlenoPIVError(NONE)
+    wide = prior_std_mm(of_points.camera)
+    lights = of_points(position_mm)
+    pixels, light, present = _present(lights, pixels, light)
+    if not present.any():
+        raise PlenoPIVError(NONE)
+    origin = np.flatnonzero(present)
+    prior = Prior(position_mm[origin], np.minimum(std_mm[origin], wide))
+    position, light, lights = position_mm[origin], light[origin], lights.of(origin)
+    for done in range(PASSES):
+        position, light, lights = stepped(
+            of_points, pixels, position, light, prior, 1, lights, still=ROUGHLY, near=NEAR, tolerance=TOLERANCE
+        )
+        pixels = with_noise(pixels, lights, light, NOISE_OF)
+        residual, variance = residual_of(lights, pixels, light)
+        excess = np.where(pixels.usable, residual / np.sqrt(variance), np.nan)
+        new, _ = places_of_light(of_points, excess, limits_mm, POOR)
+        if progress is not None:
+            progress(done + 1, PASSES + 1)
+        lights, position, prior = (
+            lights.with_others(np.arange(len(light)), of_points(new)),
+            np.concatenate([position, new]),
+            prior.joined(new, wide),
+        )
+        light = np.concatenate([light, np.full(len(new), FIRST_LIGHT * float(np.median(light)))])
+        origin = np.concatenate([origin, np.full(len(new), -1)])
+        if len(new) <= MANY * len(light):
+            break
+    fit = refine(of_points, pixels, position, light, prior, STEPS, lights, ROUGHLY, NEAR)
+    found, kept = judged(fit, pixels, NEIGHBOURS)
+    return found, origin[kept]
+
+
+def _present(lights: Lights, pixels: Pixels, light: Array) -> tuple[Pixels, Array, NDArray[np.bool_]]:
+    """The pixels with their noise, the light with the factor of this frame, and which particles are there."""
+    ratio = np.ones(len(light))
+    for turn in range(2):
+        if turn == 0:
+            pixels = with_noise(pixels, lights, light, NOISE_OF)
+        else:
+            light = light * max(float(np.median(ratio)), 0.1)
+        weight, pull = pixel_weights(pixels.usable, *residual_of(lights, pixels, light))
+        own, slope = own_equations(lights, light, weight, pull)
+        ratio = 1.0 + slope[:, 3] / np.maximum(own[:, 3, 3], 1e-30)
+    return pixels, light, ratio > PRESENT
