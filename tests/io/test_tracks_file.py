@@ -6,10 +6,12 @@ import xarray as xr
 
 from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
-from plenopiv.io.tracks_file import read_tracks, write_tracks
+from plenopiv.io.tracks_file import read_tracks, write_tracks, write_tracks_vtkhdf
 from plenopiv.tracking.frame import FrameParticles
 from plenopiv.tracking.links import Links
-from plenopiv.tracking.tracks import joined, tracks_dataset
+from plenopiv.tracking.smoothing import Motion
+from plenopiv.tracking.tracks import joined, smooth_dataset, tracks_dataset
+from plenopiv.tracking.trajectories import Trajectories
 
 DT_S = 1e-3
 
@@ -63,6 +65,40 @@ def test_vtk_reads_tracks_back(tracks, tmp_path):
     for count in ends:
         lines.append([next(ends) for _ in range(count)])
     assert lines == [[0, 3], [1, 4, 8], [5, 7]]
+
+
+@pytest.fixture(scope="module")
+def smooth():
+    """Two particles in two frames 1 ms apart: 0.5 mm a frame is 0.5 m/s, 0.002 mm a frame^2 is 2 m/s^2."""
+    frames = [particles([0.0, 1.0]), particles([0.5, 9.0])]
+    mean = np.zeros((4, 9))
+    mean[:, :3] = np.concatenate([one.position_mm for one in frames])
+    mean[:, 3:] = 0.5, -0.25, 0.125, 0.002, -0.004, 0.006
+    mean[3, 3:] = np.nan
+    covariance = np.tile(np.diag([1e-4, 1e-4, 4e-4, 1e-2, 1e-2, 4e-2, 1e-6, 4e-6, 9e-6]), (4, 1, 1))
+    covariance[:, 0, 3] = covariance[:, 3, 0] = 5e-4
+    motion = Motion(*(np.ones(3),) * 5)
+    track = np.array([0, 1, 0, -1])
+    found = Trajectories(np.array([0, 0, 1, 1]), track, mean, covariance, motion)
+    return smooth_dataset([(0, frames[0]), (1, frames[1])], found, DT_S)
+
+
+def test_units_of_smooth_tracks(smooth):
+    assert [float(smooth[name][0]) for name in ("u", "v", "w")] == pytest.approx([0.5, -0.25, 0.125])
+    assert [float(smooth[name][0]) for name in ("ax", "ay", "az")] == pytest.approx([2.0, -4.0, 6.0])
+    assert [float(smooth[f"a{axis}_std"][0]) for axis in "xyz"] == pytest.approx([1.0, 2.0, 3.0])
+    assert [float(smooth[f"{name}_std"][0]) for name in "zw"] == pytest.approx([0.02, 0.2])
+    assert float(smooth.covariance[0, 0, 3]) == pytest.approx(5e-4)  # mm m/s at 1 ms a frame
+    assert smooth.track_id.values.tolist() == [0, 1, 0, -1]
+    assert np.isnan(smooth.ax[3])
+
+
+def test_accelerations_in_paraview(smooth, tmp_path):
+    pyvista = pytest.importorskip("pyvista", reason="needs PyVista: part of requirements-dev.txt")
+    write_tracks_vtkhdf(tmp_path / "tracks.vtkhdf", smooth)
+    mesh = pyvista.read(tmp_path / "tracks.vtkhdf")
+    np.testing.assert_allclose(mesh["acceleration"][0], [2.0, -4.0, 6.0], rtol=1e-6)
+    np.testing.assert_allclose(mesh["acceleration_std"][1], [1.0, 2.0, 3.0], rtol=1e-6)
 
 
 def test_what_holds_no_tracks_is_refused(tracks, tmp_path):

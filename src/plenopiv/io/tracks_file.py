@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 VERSION = (2, 0)
 VECTORS = {"velocity": "u v w", "velocity_std": "u_std v_std w_std", "position_std": "x_std y_std z_std"}
+OF_SEQUENCES = {"acceleration": "ax ay az", "acceleration_std": "ax_std ay_std az_std"}
 SCALARS = "light", "light_std", "misfit", "frame", "track_id"
 
 
@@ -66,8 +67,8 @@ def holds_tracks(path: Path) -> bool:
 def write_tracks_vtkhdf(path: str | Path, dataset: xarray.Dataset) -> None:
     """Write tracks for ParaView: a point for each particle of each frame, in mm, a line for each track.
 
-    ``velocity``, ``velocity_std`` (m/s) and ``position_std`` (mm) have three components; light, light_std, misfit,
-    frame and track_id are as in tracks.nc.
+    ``velocity``, ``velocity_std`` (m/s) and ``position_std`` (mm) have three components, and so have ``acceleration``
+    and ``acceleration_std`` (m/s^2) of sequences; light, light_std, misfit, frame and track_id are as in tracks.nc.
 
     Raises:
         PlenoPIVError: the file cannot be written; nothing is left behind.
@@ -91,7 +92,7 @@ def write_tracks_vtkhdf(path: str | Path, dataset: xarray.Dataset) -> None:
             group.create_dataset("Offsets", data=offsets)
             group.create_dataset("Connectivity", data=connected, **_kept(connected))
         data = root.create_group("PointData")
-        for name, parts in VECTORS.items():
+        for name, parts in (VECTORS | (OF_SEQUENCES if "ax" in dataset else {})).items():
             values = np.stack([dataset[part].values for part in parts.split()], -1).astype(np.float32)
             data.create_dataset(name, data=values, **_kept(values))
         for name in SCALARS:
