@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from plenopiv.cameras.lens_space import behind_window, images_of
 from plenopiv.simulation.flows import Rotation
 from plenopiv.simulation.real_images import traced
 
@@ -29,11 +30,22 @@ def test_what_is_seen_is_where_the_case_in_air_has_it(name):
     assert seen.points(laboratory) == pytest.approx(corners)
     there, in_air = traced(camera, laboratory, (0.0, 0.0)), traced(case_camera("air"), corners, (0.0, 0.0))
     assert there.st_mm == pytest.approx(in_air.st_mm, abs=0.08)
-    assert traced(camera, (*seen.centre_mm, 0.0), (0.0, 0.0)).st_mm[0] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert traced(camera, seen.centre_mm, (0.0, 0.0)).st_mm[0] == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("name", [name for name, medium in CASES.items() if medium is not None])
+def test_the_middle_is_in_focus(name):
+    """To first order of the depth by which spherical aberration moves the focus: 0.02 mm of lens space; z = 0 is off by
+    more than 0.15 mm behind 100 mm."""
+    camera = case_camera(name)
+    points = np.array([Seen.through(camera).centre_mm, (0.0, 0.0, 0.0)])
+    middle, zero = images_of(points, behind_window(BASE.camera(), camera.medium), BASE.camera()).place_mm[:, 2]
+    assert middle == pytest.approx(0.0, abs=0.02)
+    assert "100" not in name or abs(zero) > 0.15
 
 
 def test_the_flow_seen_is_that_in_air_and_free_of_divergence():
-    seen = Seen(1.333, (0.4, -0.2))
+    seen = Seen(1.333, (0.4, -0.2, 0.3))
     flow = FlowSeen(flow_in_air(), seen)
     points = np.random.default_rng(0).uniform(-1, 1, (50, 3))
     h = 1e-5
@@ -45,16 +57,16 @@ def test_the_flow_seen_is_that_in_air_and_free_of_divergence():
 
 def test_scores_are_those_of_the_field_as_seen():
     """A rotation, right but 2 % too slow along z, in a laboratory behind a window."""
-    seen, flow = Seen(1.333, (0.4, -0.2)), Rotation(40.0)
+    seen, flow = Seen(1.333, (0.4, -0.2, 0.3)), Rotation(40.0)
     middle = np.random.default_rng(0).uniform((-2, -1.5, -4), (2, 1.5, 4), (40_000, 3))
     shift = 1e3 * DT_S * flow(middle)
     x, y, z = np.arange(-1.2, 1.3, 0.4), np.arange(-0.8, 0.9, 0.4), np.arange(-2.4, 2.5, 0.8)
-    laboratory = {"x": x + 0.4, "y": y - 0.2, "z": z * 1.333}
+    laboratory = {"x": x + 0.4, "y": y - 0.2, "z": z * 1.333 + 0.3}
     at = np.stack(np.meshgrid(*laboratory.values(), indexing="ij"), -1).transpose(2, 1, 0, 3)
     slow = FlowSeen(flow, seen)(at.reshape(-1, 3)).reshape(at.shape) * (1.0, 1.0, 0.98)
     data = {name: (("z", "y", "x"), slow[..., k]) for k, name in enumerate("uvw")}
     field = seen.field(xr.Dataset(data, coords=laboratory))
-    true, measured = on_truth(field, middle - shift / 2, middle + shift / 2, BASE.camera(), 0.0)
+    true, measured = on_truth(field, middle - shift / 2, middle + shift / 2, BASE.camera())
     assert len(true) == len(x) * len(y) * 4  # planes at +-1.6 and +-2.4 mm: others are too near to focus
     assert measured == pytest.approx(true * (1.0, 1.0, 0.98), abs=1e-9)
     moving = [0, 2]
