@@ -12,21 +12,17 @@ particle among its neighbours, positions and light unknown.
 
 from __future__ import annotations
 
-import json
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 from matching import matched
+from recorded import camera_and_volume, run_cases, three, write_table
 
-from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.chain import Chain
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.experiment.tracking_table import TrackingTable
-from plenopiv.lattice import Lattice
 from plenopiv.run.track_pair import linked
-from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
@@ -42,7 +38,6 @@ from plenopiv.tracking.refine import Prior, refine
 from plenopiv.volume import VoxelGrid
 
 RECORD = Path(__file__).with_name("particles.json")
-PAGE = Path(__file__).parents[2] / "docs" / "tracking.md"
 VOXEL_MM = np.array([0.017, 0.017, 0.077])
 DT_S, RAYS, BACKGROUND, SEED = 5e-4, 40_000, 4.0, 11
 MARGIN = 0.07  # voxels' worth of mm beyond the volume in which particles are looked for
@@ -58,14 +53,7 @@ CASES = {
 
 def measure(ppm: float, depth_mm: float, electrons: float, columns: int) -> dict:
     """One case."""
-    camera = PlenopticCamera(
-        MainLens(50.0, 25.0, -1.0),
-        Lattice("hexagonal", 0.077, 0.002, (0.02, -0.01)),
-        0.308,
-        Sensor(columns, columns, 0.0055, 12, 60),
-    )
-    half, deep = columns * 0.0055 / 2 - 0.16 * depth_mm / 4, depth_mm / 2
-    volume = ((-half, half), (-half, half), (-deep, deep))
+    camera, volume = camera_and_volume(columns, depth_mm)
     chain = Chain(
         (camera,),
         VoxelGrid.covering(*volume, tuple(VOXEL_MM)),
@@ -159,9 +147,6 @@ def _links(links, partners, whole) -> dict:
 def page(record: dict) -> None:
     """Write the table into docs/tracking.md."""
 
-    def three(values: list[float], digits: int = 3) -> str:
-        return " / ".join(f"{each:.{digits}f}" for each in values)
-
     lines = [
         "| case | particles | n | found % | ghosts % | RMS x / y / z | median x / y / z | 99 % x / y / z | "
         "over bound x / y / z | within 1 std % | within 2 std % |",
@@ -188,26 +173,8 @@ def page(record: dict) -> None:
                 f"| {case} | {links['both_found']} | {100 * links['linked']:.1f} | {100 * links['wrong']:.1f} | "
                 f"{own['chi2']:.2f} | {own['ms_per_particle']:.0f} |"
             )
-    text = PAGE.read_text()
-    head, rest = text.split("<!-- particles: begin -->\n")
-    PAGE.write_text(
-        head
-        + "<!-- particles: begin -->\n"
-        + "\n".join(lines)
-        + "\n<!-- particles: end -->"
-        + rest.split("<!-- particles: end -->")[1]
-    )
-
-
-def main() -> None:
-    """Measure the cases named, or all; ``page`` alone makes the table of what is recorded."""
-    record = json.loads(RECORD.read_text()) if RECORD.exists() else {}
-    for name in () if sys.argv[1:] == ["page"] else sys.argv[1:] or CASES:
-        record[name] = measure(**BASE | CASES[name])
-        print(name, json.dumps(record[name], indent=1))
-        RECORD.write_text(json.dumps(record, indent=1) + "\n")
-    page(record)
+    write_table("particles", lines)
 
 
 if __name__ == "__main__":
-    main()
+    run_cases(RECORD, CASES, BASE, measure, page)

@@ -14,8 +14,6 @@ frames' reconstruction in the same run.
 
 from __future__ import annotations
 
-import json
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -23,21 +21,18 @@ from pathlib import Path
 import numpy as np
 import xarray
 from matching import matched
+from recorded import camera_and_volume, run_cases, three, write_table
 
-from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.chain import Chain
 from plenopiv.experiment import Experiment
-from plenopiv.lattice import Lattice
 from plenopiv.run.track import track
 from plenopiv.run.track_sequence import BEGUN, SequenceJob
-from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.sequence import simulate_sequence
 from plenopiv.simulation.simulated_recording import Seeding
 from plenopiv.tracking.light import PointLights
 
 RECORD = Path(__file__).with_name("sequence.json")
-PAGE = Path(__file__).parents[2] / "docs" / "tracking.md"
 VOXEL_MM = np.array([0.017, 0.017, 0.077])
 DT_S, RAYS, SEED, LONG = 5e-4, 40_000, 11, 10
 BASE = {"ppm": 1.0, "depth_mm": 8.0, "electrons": 400.0, "columns": 420, "frames": 30}
@@ -71,14 +66,7 @@ class Swirl:
 
 def measure(ppm: float, depth_mm: float, electrons: float, columns: int, frames: int) -> dict:
     """One case."""
-    camera = PlenopticCamera(
-        MainLens(50.0, 25.0, -1.0),
-        Lattice("hexagonal", 0.077, 0.002, (0.02, -0.01)),
-        0.308,
-        Sensor(columns, columns, 0.0055, 12, 60),
-    )
-    half, deep = columns * 0.0055 / 2 - 0.16 * depth_mm / 4, depth_mm / 2
-    volume = ((-half, half), (-half, half), (-deep, deep))
+    camera, volume = camera_and_volume(columns, depth_mm)
     moving = Swirl()
     with tempfile.TemporaryDirectory() as folder:
         made = simulate_sequence(
@@ -192,9 +180,6 @@ def _scored(tracks, positions, whole, zone, moving, volume) -> dict:
 def page(record: dict) -> None:
     """Write the table into docs/tracking.md."""
 
-    def three(values: list[float], digits: int) -> str:
-        return " / ".join(f"{each:.{digits}f}" for each in values)
-
     def shares(own: dict) -> str:
         return " | ".join(three([100 * v for v in own[f"within_{k}_std"]], 0) for k in (1, 2))
 
@@ -223,21 +208,8 @@ def page(record: dict) -> None:
                 f"| {case} | {name}, {unit} | {three(one['rms'], digits)} | {three(one['rms_true'], digits)} | "
                 f"{shares(one)} |"
             )
-    text = PAGE.read_text()
-    head, rest = text.split("<!-- sequence: begin -->\n")
-    tail = rest.split("<!-- sequence: end -->")[1]
-    PAGE.write_text(head + "<!-- sequence: begin -->\n" + "\n".join(lines) + "\n<!-- sequence: end -->" + tail)
-
-
-def main() -> None:
-    """Measure the cases named, or all; ``page`` alone makes the table of what is recorded."""
-    record = json.loads(RECORD.read_text()) if RECORD.exists() else {}
-    for name in () if sys.argv[1:] == ["page"] else sys.argv[1:] or CASES:
-        record[name] = measure(**BASE | CASES[name])
-        print(name, json.dumps(record[name], indent=1))
-        RECORD.write_text(json.dumps(record, indent=1) + "\n")
-    page(record)
+    write_table("sequence", lines)
 
 
 if __name__ == "__main__":
-    main()
+    run_cases(RECORD, CASES, BASE, measure, page)

@@ -68,6 +68,12 @@ class VoxelGrid:
         return x, y, z
 
 
+def within(points_mm: NDArray[np.float64], limits_mm: Limits) -> NDArray[np.bool_]:
+    """Which of the points (n, 3) lie within the limits, (n,)."""
+    low, high = np.transpose(limits_mm)
+    return np.asarray(((points_mm >= low) & (points_mm <= high)).all(1))
+
+
 class Volume(Protocol):
     """What the correlation needs of a reconstructed volume."""
 

@@ -1,13 +1,12 @@
 """plenopiv track on a small simulated recording of a uniform flow."""
 
-import json
 import shutil
 
 import numpy as np
 import pytest
 import tifffile
-import tomli_w
 import xarray
+from experiment_files import with_keys
 from particle_scenes import nearest
 
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
@@ -89,16 +88,6 @@ def test_names_and_units_of_the_file(recording):
     assert np.isfinite(alone.x).all()
 
 
-def changed(folder, name, output, **tables):
-    """An experiment file in the recording's folder with other keys."""
-    content = Experiment.load(folder / "experiment.toml").model_dump(by_alias=True, exclude_none=True)
-    content["output"]["directory"] = str(output)
-    for table, keys in tables.items():
-        content[table] = content.get(table, {}) | keys
-    (folder / name).write_text(tomli_w.dumps(json.loads(json.dumps(content))))
-    return folder / name
-
-
 def test_the_field_of_the_tracks(recording):
     folder, tracks = recording
     field = xarray.load_dataset(folder / "results" / "tracking" / "velocity.nc")
@@ -124,7 +113,7 @@ def test_what_is_there_is_kept_and_made_again_where_it_is_damaged(recording, cap
 
 def test_tracks_of_other_keys_are_not_replaced_unasked(recording, capsys):
     folder, _ = recording
-    other = changed(folder, "other.toml", folder / "results", tracking={"grid_mm": 0.3})
+    other = with_keys(folder, "other.toml", folder / "results", tracking={"grid_mm": 0.3})
     assert main(["track", str(other)]) == 2
     assert "holds a run of other inputs (tracking.grid_mm: was null, is 0.3)" in capsys.readouterr().err
 
@@ -133,7 +122,7 @@ def test_a_series_with_a_frame_without_particles(recording, tmp_path, capsys):
     """Frames a, b, a and a dark one: b is in two pairs, the last pair is set aside."""
     folder, tracks = recording
     tifffile.imwrite(folder / "dark.tif", np.full((320, 320), 60, np.uint16))
-    series = changed(
+    series = with_keys(
         folder,
         "series.toml",
         tmp_path / "out",
@@ -161,7 +150,7 @@ def test_particles_behind_water(recording, tmp_path):
     volume = Experiment.load(folder / "experiment.toml").volume
     deep = {"z_mm": [1.33 * z for z in volume.z_mm], "voxel_mm": [*volume.voxel_mm[:2], 1.33 * volume.voxel_mm[2]]}
     water = {"refractive_index": 1.33, "fluid_mm": 5.0}
-    path = changed(folder, "water.toml", tmp_path / "out", volume=deep, medium=water)
+    path = with_keys(folder, "water.toml", tmp_path / "out", volume=deep, medium=water)
     experiment = Experiment.load(path)
     track(experiment)
     made = xarray.load_dataset(tmp_path / "out" / "tracks.nc")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import tomli_w
 import xarray
+from experiment_files import with_keys
 from particle_scenes import VOXEL_MM, nearest
 
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
@@ -36,16 +37,6 @@ def acceleration(points_mm):
     """(n, 3) m/s^2 along the paths of the steady flow."""
     u, h = FLOW(points_mm), 1e-6
     return (FLOW(points_mm + 1e3 * h * u) - FLOW(points_mm - 1e3 * h * u)) / (2 * h)
-
-
-def with_keys(folder, name, output, **tables):
-    """An experiment file in the recording's folder with other keys."""
-    content = Experiment.load(folder / "experiment.toml").model_dump(by_alias=True, exclude_none=True)
-    content["output"]["directory"] = str(output)
-    for table, keys in tables.items():
-        content[table] = content.get(table, {}) | keys
-    (folder / name).write_text(tomli_w.dumps(json.loads(json.dumps(content))))
-    return folder / name
 
 
 @pytest.fixture(scope="module")

@@ -43,7 +43,7 @@ from plenopiv.run.target import target_calibration
 from plenopiv.run.track_frame import FrameTracker, TrackedFrame
 from plenopiv.run.track_pair import TrackJob, tracks_file
 from plenopiv.run.track_sequence import METHOD, SequenceJob, check_sequence
-from plenopiv.run.track_smooth import fields_of_tracks, smooth_tracks, source
+from plenopiv.run.track_smooth import SmoothSequence, source
 from plenopiv.run.versions import versions
 from plenopiv.tracking.tracks import joined
 
@@ -110,7 +110,7 @@ def track(experiment: Experiment, progress: Progress | None = None, overwrite: b
             folder.discard()
             summary = json.loads((folder.directory / "summary.json").read_text(encoding="utf-8"))
             if not is_whole(path, summary["tracks_sha256"]):
-                write_tracks(path, _tracks(folder, recording, table))
+                write_tracks(path, _tracks(folder, recording, _smooth(folder, recording, table)))
             return TrackResult(path, folder.directory / "velocity.nc", summary)
         tracker = FrameTracker(chain, recording, table.wavelength_nm)
         _tell_memory(tracker)
@@ -173,9 +173,11 @@ def _put_together(
         folder.discard()
         raise PlenoPIVError(f"no pair can be tracked: {records[0]['set_aside']}")
     files, fields = ["summary.json"], {}
-    if table.method == METHOD:
+    with clock("links and field"):
+        smooth = _smooth(folder, recording, table)
+    if smooth is not None:
         with clock("links and field"):
-            fields = fields_of_tracks(folder, recording, chain, table, [record["pair"] for record in tracked], report)
+            fields = smooth.write_fields([record["pair"] for record in tracked], folder, chain, table, report)
             files += [pair_file(number) for number in fields]
     elif len(records) > 1:
         fields = {record["pair"]: folder.there(pair_file(record["pair"])) for record in tracked}
@@ -184,7 +186,7 @@ def _put_together(
         like.attrs = {key: value for key, value in like.attrs.items() if key not in OF_A_PAIR}
         write_series(folder.path("velocity.nc"), like, times_of(recording), fields, {})
         files.append("velocity.nc")
-    write_tracks(path, _tracks(folder, recording, table))
+    write_tracks(path, _tracks(folder, recording, smooth))
     particles = {
         entry["name"]: n for r in tracked for entry, n in zip(r["frames"], r["numbers"]["particles"], strict=True)
     }
@@ -211,10 +213,15 @@ def _put_together(
     return summary
 
 
-def _tracks(folder: SeriesFolder, recording: Recording, table: TrackingTable) -> xarray.Dataset:
-    """The tracks of all pairs' files."""
-    if table.method == METHOD:
-        tracks = smooth_tracks(folder, recording)
+def _smooth(folder: SeriesFolder, recording: Recording, table: TrackingTable) -> SmoothSequence | None:
+    """The smooth tracks of a sequence that is tracked over many frames."""
+    return SmoothSequence.of(folder, recording) if table.method == METHOD else None
+
+
+def _tracks(folder: SeriesFolder, recording: Recording, smooth: SmoothSequence | None) -> xarray.Dataset:
+    """The tracks of all pairs' files, or those that are ``smooth``."""
+    if smooth is not None:
+        tracks = smooth.dataset()
     else:
         tracked = [number for number, record in sorted(folder.finished.items()) if record["set_aside"] is None]
         tracks = joined([read_tracks(folder.there(tracks_file(number))) for number in tracked])

@@ -21,7 +21,7 @@ from plenopiv.tracking.pixels import Pixels
 from plenopiv.tracking.predict import Predicted
 from plenopiv.tracking.rim import clipped_by_rim
 from plenopiv.tracking.shaken import particles_of_prediction
-from plenopiv.volume import Limits, SparseVolume, VoxelGrid
+from plenopiv.volume import Limits, SparseVolume, VoxelGrid, within
 
 AROUND = 4  # voxels beyond the volume in which particles are looked for too: they light the same pixels
 
@@ -98,7 +98,8 @@ class FrameTracker:
         particles = particles_of_frame(self.of_points, pixels, *guess, around(chain.lens_grid), stage)
         if chain.space is not None:
             particles = in_laboratory(particles, chain.space)
-            particles = particles.of(is_within(particles.position_mm, around(chain.grid)))
+            # lens space is a box around the volume's image
+            particles = particles.of(within(particles.position_mm, around(chain.grid)))
         return TrackedFrame(number, made.volume, particles, entry | {"sha256": of_image(image)}, made.noise.dark)
 
     def volume(self, number: int, report: Progress) -> SparseVolume:
@@ -138,7 +139,7 @@ class FrameTracker:
         origin = np.where(origin >= 0, active[origin], -1)
         if chain.space is not None:
             found = in_laboratory(found, chain.space)
-            inside = is_within(found.position_mm, around(chain.grid))
+            inside = within(found.position_mm, around(chain.grid))
             found, origin = found.of(inside), origin[inside]
         return PredictedFrame(number, found, origin, entry | {"sha256": of_image(image)})
 
@@ -162,9 +163,3 @@ def in_laboratory(particles: FrameParticles, space: SpaceMap) -> FrameParticles:
         pull = np.einsum("nji,nj->ni", back, pull)
     position = space.to_laboratory(particles.position_mm)
     return replace(particles, position_mm=position, covariance=covariance, information=information, pull=pull)
-
-
-def is_within(position_mm: NDArray[np.float64], limits_mm: Limits) -> NDArray[np.bool_]:
-    """Which positions (n, 3) are within ``limits_mm``: lens space is a box around the volume's image."""
-    low, high = np.transpose(limits_mm)
-    return np.asarray(((position_mm >= low) & (position_mm <= high)).all(1))

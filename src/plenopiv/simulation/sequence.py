@@ -30,7 +30,7 @@ from plenopiv.simulation.simulated_recording import (
     write_folder,
 )
 from plenopiv.simulation.white import white_image
-from plenopiv.volume import Limits
+from plenopiv.volume import Limits, within
 
 
 @dataclass(frozen=True)
@@ -139,6 +139,5 @@ def _lit(particles: Particles, lit_mm: Limits | None) -> Particles:
     """Those within the box that is lit."""
     if lit_mm is None:
         return particles
-    low, high = np.transpose(lit_mm)
-    inside = ((particles.position_mm >= low) & (particles.position_mm <= high)).all(1)
+    inside = within(particles.position_mm, lit_mm)
     return Particles(particles.position_mm[inside], particles.electrons[inside], particles.diameter_mm)

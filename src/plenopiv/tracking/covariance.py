@@ -13,7 +13,7 @@ from scipy.sparse import bsr_array
 
 from plenopiv.kernels import plain_kernel, plain_part
 from plenopiv.threads import in_threads
-from plenopiv.tracking.equations import parts
+from plenopiv.tracking.equations import diagonal, parts
 from plenopiv.tracking.refine import Fit
 
 NEIGHBOURS = 31  # that share most information with a particle; the rest are taken as known
@@ -106,12 +106,9 @@ def covariance_of(fit: Fit, neighbours: int = NEIGHBOURS) -> Array:
 def covariance_among(normal: bsr_array, which: NDArray[np.int64], neighbours: int = NEIGHBOURS) -> Array:
     """Covariance (m, 4, 4) of the particles ``which`` (m,) of those of the normal equations ``normal`` (4n, 4n, in
     blocks, with sorted indices)."""
-    n = normal.indptr.size - 1
-    row = np.repeat(np.arange(n), np.diff(normal.indptr))
-    own = np.flatnonzero(row == normal.indices)
     information = np.empty((len(which), 4, 4))
     blocks = normal.indptr.astype(np.int64), normal.indices.astype(np.int64), normal.data
-    in_threads(_of_particles, len(which), *blocks, own, which, neighbours, information)
+    in_threads(_of_particles, len(which), *blocks, diagonal(normal), which, neighbours, information)
     scale = np.sqrt(np.maximum(np.einsum("nii->ni", information), 1e-300))
     values, vectors = np.linalg.eigh(information / scale[:, :, None] / scale[:, None, :])
     inverse = (vectors / np.maximum(values, LEAST)[:, None, :]) @ np.swapaxes(vectors, 1, 2)

@@ -50,6 +50,14 @@ class Runs:
     variance: Array
 
 
+def entries_of(start: NDArray[np.int64], which: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Of tracks one after the other, which begin at ``start`` (tracks + 1,), those ``which`` alone: where each begins
+    then, and the places of their entries."""
+    length = np.diff(start)[which]
+    begins = np.concatenate([[0], np.cumsum(length)])
+    return begins, np.repeat(start[which] - begins[:-1], length) + np.arange(begins[-1])
+
+
 @plain_kernel
 def _innovations(
     begin: int, end: int,
@@ -186,10 +194,8 @@ def _some(runs: Runs, every: int) -> Runs:
     if every == 1:
         return runs
     taken = np.arange(0, len(runs.start) - 1, every)
-    length = np.diff(runs.start)[taken]
-    start = np.concatenate([[0], np.cumsum(length)])
-    which = np.repeat(runs.start[taken] - start[:-1], length) + np.arange(start[-1])
-    return Runs(start, runs.frame[which], runs.position_mm[which], runs.variance[which])
+    start, at = entries_of(runs.start, taken)
+    return Runs(start, runs.frame[at], runs.position_mm[at], runs.variance[at])
 
 
 def _spreads(runs: Runs) -> tuple[Array, Array]:

@@ -93,10 +93,10 @@ def normal_equations(lights: Lights, light: Array, weight: Single) -> bsr_array:
 
 def own_blocks(normal: bsr_array) -> Array:
     """Each particle's own block (n, 4, 4) of normal equations."""
-    return np.asarray(normal.data[_diagonal(normal)], np.float64)
+    return np.asarray(normal.data[diagonal(normal)], np.float64)
 
 
-def _diagonal(normal: bsr_array) -> NDArray[np.int64]:
+def diagonal(normal: bsr_array) -> NDArray[np.int64]:
     """Which of the blocks are the particles' own."""
     row = np.repeat(np.arange(normal.indptr.size - 1), np.diff(normal.indptr))
     return np.flatnonzero(row == normal.indices)
@@ -105,7 +105,7 @@ def _diagonal(normal: bsr_array) -> NDArray[np.int64]:
 def with_information(normal: bsr_array, information: Array) -> Array:
     """Add ``information`` (n, 3) on x, y, z, in UNIT_MM^-2, to each particle's, in place; their own blocks
     (n, 4, 4)."""
-    own = _diagonal(normal)
+    own = diagonal(normal)
     for axis in range(3):
         normal.data[own, axis, axis] += information[:, axis]
     return own_blocks(normal)

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking.field import LEAST_TRACKS, TrackField, field_from_tracks
-from plenopiv.volume import Limits
+from plenopiv.volume import Limits, within
 
 SPACING = 1.5  # of nodes, in mean distances between tracks: three tracks to a cell
 CELLS = 8  # between nodes, along each side of a part
@@ -62,7 +62,7 @@ def field_on_grid(
     """
     position, velocity, std = (np.asarray(each, np.float64) for each in (position_mm, velocity_m_s, std_m_s))
     low, high = np.array(limits_mm).T
-    inside = ((position >= low) & (position <= high)).all(1)
+    inside = within(position, limits_mm)
     position, velocity, std = position[inside], velocity[inside], std[inside]
     if len(position) < LEAST_TRACKS:
         raise PlenoPIVError(

@@ -18,7 +18,7 @@ from plenopiv.tracking.cut_off import COVERED, COVERED_STD, motion_of
 from plenopiv.tracking.links import NEIGHBOURS, of_neighbours
 from plenopiv.tracking.sightings import SeenFrame, Together, together
 from plenopiv.tracking.smoothing import Motion, States, at_rest, filtered, moved
-from plenopiv.volume import Limits
+from plenopiv.volume import Limits, within
 
 FRAMES = 8  # the last ones, that a prediction rests on
 LOST = 2  # frames in which a track may not be seen before it ends
@@ -59,9 +59,8 @@ def predicted(frames: Sequence[SeenFrame], number: int, limits_mm: Limits) -> Pr
         return nothing
     states = _states(alive, number, motion)
     mean, covariance = states.mean[:, :3], states.covariance[:, :3, :3]
-    low, high = np.transpose(limits_mm)
     active = alive.last == recent[-1].number
-    kept = ((mean >= low) & (mean <= high)).all(1)
+    kept = within(mean, limits_mm)
     track = alive.track[alive.start[:-1]][kept]
     return Predicted(track, mean[kept], covariance[kept], _light(alive)[kept], active[kept], motion)
 

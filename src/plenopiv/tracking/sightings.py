@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.tracking.cut_off import Runs
+from plenopiv.tracking.cut_off import Runs, entries_of
 from plenopiv.tracking.frame import FrameParticles
 from plenopiv.tracking.smoothing import Sightings
 
@@ -44,9 +44,7 @@ class Together:
 
     def of(self, which: Int) -> Together:
         """The tracks ``which``, by number in the order of ``start``, alone."""
-        length = np.diff(self.start)[which]
-        start = np.concatenate([[0], np.cumsum(length)])
-        at = np.repeat(self.start[which] - start[:-1], length) + np.arange(start[-1])
+        start, at = entries_of(self.start, which)
         of_pixels = self.position_mm[at], self.information[at], self.pull[at], self.light[at]
         return Together(self.track[at], self.frame[at], self.origin[at], *of_pixels, start)
 

@@ -1,0 +1,51 @@
+"""The small camera of the cases, what is recorded of them, and tables in docs/tracking.md."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
+from plenopiv.lattice import Lattice
+from plenopiv.sensor import Sensor
+
+PAGE = Path(__file__).parents[2] / "docs" / "tracking.md"
+
+
+def camera_and_volume(columns: int, depth_mm: float) -> tuple[PlenopticCamera, tuple]:
+    """A camera of PMR 14 and M = -1, and the limits in mm of what all of its views see of so deep a volume."""
+    camera = PlenopticCamera(
+        MainLens(50.0, 25.0, -1.0),
+        Lattice("hexagonal", 0.077, 0.002, (0.02, -0.01)),
+        0.308,
+        Sensor(columns, columns, 0.0055, 12, 60),
+    )
+    half, deep = columns * 0.0055 / 2 - 0.16 * depth_mm / 4, depth_mm / 2
+    return camera, ((-half, half), (-half, half), (-deep, deep))
+
+
+def run_cases(
+    path: Path, cases: Mapping[str, dict], base: dict, measure: Callable[..., dict], page: Callable[[dict], None]
+) -> None:
+    """Measure the cases named on the command line, or all, and record each at ``path``; then write the ``page``, which
+    ``page`` as the only word does alone."""
+    record = json.loads(path.read_text()) if path.exists() else {}
+    for name in () if sys.argv[1:] == ["page"] else sys.argv[1:] or cases:
+        record[name] = measure(**base | cases[name])
+        print(name, json.dumps(record[name], indent=1))
+        path.write_text(json.dumps(record, indent=1) + "\n")
+    page(record)
+
+
+def write_table(name: str, lines: Iterable[str]) -> None:
+    """Put ``lines`` between the marks of that name in docs/tracking.md."""
+    begin, end = f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->"
+    head, rest = PAGE.read_text().split(begin)
+    PAGE.write_text(head + begin + "\n".join(lines) + "\n" + end + rest.split(end)[1])
+
+
+def three(values: Sequence[float], digits: int = 3) -> str:
+    """Values along x, y and z in a cell."""
+    return " / ".join(f"{each:.{digits}f}" for each in values)
