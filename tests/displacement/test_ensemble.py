@@ -255,7 +255,7 @@ def test_a_peak_is_the_sum_of_what_pairs_and_blocks_add_to_it(particle_pair, uni
     settings = replace(PLAIN, whitening=0.5, smoothing_voxels=0.8)
     summed, windows = SummedPairs(pairs, settings), window_grid((24, 32, 32), (16, 16, 16), 0.5)
     batches = WindowPass(windows, None, settings, 0.25, (24, 32, 32))
-    peaks = summed._peaks(batches, range(batches.layers), PassVectors(windows), lambda *_: None)
+    peaks = summed._peaks(batches, range(batches.layers), PassVectors(windows, False, settings), lambda *_: None)
     total = np.zeros_like(peaks.total)
 
     def add(layer, part, spectra):

@@ -84,8 +84,7 @@ class DevicePair:
     ) -> PassResult:
         """See ``multigrid.correlation_pass``."""
         batches = WindowPass(windows, predictor, settings, search, self._shape, self._depth)
-        how, vectors = How.of(batches, scatter), PassVectors(windows)
-        spread = np.zeros_like(vectors.moved)
+        vectors = PassVectors(windows, scatter, settings)
         depth, step = windows.size[0], windows.step[0]
         a, b = (
             Deformed(planes, predictor, share, depth, step)
@@ -94,10 +93,11 @@ class DevicePair:
         correlator = batches.correlator
         filters = tuple(jnp.asarray(each) for each in correlator.filters)
         powers = jnp.asarray(correlator.powers, jnp.float32)
-        take = partial(_take, vectors=vectors, spread=spread, part=part_left_out(settings))
+        take = partial(_take, vectors=vectors, part=part_left_out(settings))
         waiting = dict[int, list[Found]]()
         for layer, start in enumerate(windows.starts[0].tolist()):
             planes = a.layer(start), b.layer(start)
+            how = How.of(batches, bool(vectors.scattered[layer]))
             waiting[layer] = self.layer(batches, layer, planes, filters, powers, how)
             if layer:  # while the device computes this layer
                 take(waiting.pop(layer - 1), layer - 1)
@@ -106,7 +106,7 @@ class DevicePair:
         take(waiting.pop(batches.layers - 1), batches.layers - 1)
         if step_done is not None:
             step_done(batches.layers, batches.layers)
-        return vectors.result(predictor, spread if scatter else None)
+        return vectors.result(predictor)
 
     def layer(
         self,
@@ -138,7 +138,7 @@ def _of_batch(batches: WindowPass, layer: int, part: NDArray[np.int64], batch: i
     return jnp.asarray(batches.corners[part], jnp.int32), jnp.asarray(cuts, jnp.float32), jnp.asarray(depth)
 
 
-def _take(found: list[Found], layer: int, vectors: PassVectors, spread: NDArray[np.float64], part: float) -> None:
+def _take(found: list[Found], layer: int, vectors: PassVectors, part: float) -> None:
     """Fit the peaks of a layer of windows, and their variance where blocks were summed (``jackknife_variance``)."""
     count = vectors.found.shape[1]
     whole: dict[str, Any] = {}
@@ -151,4 +151,4 @@ def _take(found: list[Found], layer: int, vectors: PassVectors, spread: NDArray[
     vectors.found[layer], vectors.ratio[layer] = whole["found"], whole["ratio"]
     vectors.moved[layer] = np.where(whole["lit"][:, None], moved + whole["place"], 0.0)
     if whole["sums"] is not None:
-        spread[layer] = jackknife_variance(whole["sums"].astype(np.float64), untilt, part)
+        vectors.variance[layer] = jackknife_variance(whole["sums"].astype(np.float64), untilt, part)

@@ -11,6 +11,7 @@ from math import ceil, prod
 
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.transforms import fast_length
+from plenopiv.displacement.windows import step_of
 from plenopiv.errors import PlenoPIVError
 
 Shape = tuple[int, int, int]  # along z, y, x
@@ -73,7 +74,7 @@ def layers_bytes(shape: Shape, settings: CorrelationSettings) -> float:
     nz, ny, nx = shape
     planes = 0.0
     for window, overlap in settings.passes:
-        step = max(1, round(window[2] * (1 - overlap)))
+        step = step_of(window[2], overlap)
         planes = max(planes, HELD * window[2] + MADE * step + min(REACH, nz))
     return (planes + ONE) * 4.0 * ny * nx
 

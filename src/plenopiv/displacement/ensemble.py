@@ -155,8 +155,7 @@ class SummedPairs:
     ) -> PassResult:
         """As ``correlation_pass``; ``step_done`` counts layers of all pairs."""
         batches = WindowPass(windows, predictor, settings, search, self.grid.shape, self._depth)
-        vectors = PassVectors(windows)
-        spread = np.zeros_like(vectors.moved)
+        vectors = PassVectors(windows, scatter, settings)
         count, total = 0, batches.layers * len(self) * (2 if scatter else 1)
 
         def layer_done(*_: int) -> None:
@@ -170,8 +169,8 @@ class SummedPairs:
             layers = range(begin, min(begin + at_once, batches.layers))
             peaks = self._peaks(batches, layers, vectors, layer_done)
             if scatter:
-                self._scatter(batches, layers, peaks, spread, layer_done)
-        return vectors.result(predictor, spread if scatter else None)
+                self._scatter(batches, layers, peaks, vectors, layer_done)
+        return vectors.result(predictor)
 
     def _peaks(self, batches: WindowPass, layers: range, vectors: PassVectors, layer_done: StepDone) -> Peaks:
         """Sum the correlations of some layers of windows and find their peaks."""
@@ -201,7 +200,7 @@ class SummedPairs:
         return peaks
 
     def _scatter(
-        self, batches: WindowPass, layers: range, peaks: Peaks, spread: NDArray[np.float64], layer_done: StepDone
+        self, batches: WindowPass, layers: range, peaks: Peaks, vectors: PassVectors, layer_done: StepDone
     ) -> None:
         """The variance of the peaks of some layers of windows."""
         shape, correlator = (len(layers), batches.count), batches.correlator
@@ -209,6 +208,8 @@ class SummedPairs:
         sums, of_pairs, of_cells = (np.zeros((*shape, *rest)) for rest in ((blocks, 7), (2, 3), (2, 3)))
 
         def add(layer: int, part: slice, spectra: Spectra) -> None:
+            if not vectors.scattered[layer]:
+                return
             here = layer - layers.start, part
             own = correlator.contributions(spectra, peaks.place[here], peaks.power[here])
             own[~spectra.lit] = 0.0
@@ -226,7 +227,7 @@ class SummedPairs:
             more -= variance_of(of_cells[layer], len(self) * blocks, self._part)
             if len(self) > 1:
                 variance += np.maximum(more, 0.0)
-            spread[layers.start + layer] = variance
+            vectors.variance[layers.start + layer] = variance
 
 
 class Peaks:

@@ -94,23 +94,22 @@ def correlation_pass(
     ``predictor``: displacement by which the volumes are deformed first; the result is its value at the window centres
     plus what the correlation finds. None: volumes as they are. ``settings``: smoothing, taper, whitening and
     agreement. ``search``: largest displacement to find, as a fraction of the window. ``scatter``: whether to estimate
-    the variance as well, at about twice the cost. ``depth``: what light counts by its depth.
+    the variance as well, at about one and a half times the cost. ``depth``: what light counts by its depth.
     One layer of windows, and what the next one adds to it, is in memory
     at a time; results do not depend on the number of threads (Numba's, ``NUMBA_NUM_THREADS``).
     """
     batches = WindowPass(windows, predictor, settings, search, a.grid.shape, depth)
-    vectors = PassVectors(windows)
-    spread, left_out = np.zeros_like(vectors.moved), part_left_out(settings)
+    vectors, left_out = PassVectors(windows, scatter, settings), part_left_out(settings)
 
     def work(layer: int, part: slice, spectra: Spectra) -> None:
         correlation = batches.correlator.correlation(spectra)
         powers = batches.correlator.powers
         place, untilt, power = vectors.fit(layer, part, correlation, spectra.gain, spectra.lit, powers)
-        if scatter:
-            spread[layer, part] = batches.correlator.variance(spectra, place, untilt, power, left_out)
+        if vectors.scattered[layer]:
+            vectors.variance[layer, part] = batches.correlator.variance(spectra, place, untilt, power, left_out)
 
     batches.each_batch(a, b, work, step_done=step_done)
-    return vectors.result(predictor, spread if scatter else None)
+    return vectors.result(predictor)
 
 
 def first_pass(

@@ -1,12 +1,13 @@
 """Noise amplification by iterated deformation, and the noise of means over several vectors.
 
 The noise n of one correlation is white noise averaged over the window (transfer function W). With the predictor
-p = F d of a pass (F the filter between passes) the next pass finds d = p + (n - C p), where C is the response of a
-window to the spline through p. After N passes
+p = F d of a pass (F the filter between passes) the next pass finds d = H p + (n - C p), where H is the spline through p
+and C the response of a window to it. After N passes
 
-    d = G n,   G = sum_{j < N} (F (1 - C))^j,   K = <|W|^2 G^2> / <|W|^2>,   c K = <|W|^2 G^2 Q^2> / <|W|^2>
+    d = G n,   G_1 = 1,   G_j = 1 + F (H - C) G_{j-1},   K = <|W|^2 G^2> / <|W|^2>,   c K = <|W|^2 G^2 Q^2> / <|W|^2>
 
-with means <> over all waves that the vectors sample (Schrijer & Scarano 2008 treat the same loop) and Q the response of
+with means <> over all waves that the vectors sample (Schrijer & Scarano 2008 treat the same loop). F, H and C are those
+of the vectors of the pass before, which may stand farther apart (``CorrelationSettings.passes``). Q is the response of
 ``uncertainty.averaging_bias``. |W|^2 G^2 is the spectrum of the vectors' noise and its Fourier transform the covariance
 cov_ij of neighbours; the mean of vectors with weights w has the variance sum_ij w_i w_j cov_ij.
 """
@@ -19,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.overlap import fade
-from plenopiv.displacement.predictor import smooth_predictor
+from plenopiv.displacement.predictor import filter_response, spline_aliases
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.sub_windows import Weights
-from plenopiv.displacement.windows import WindowGrid
+from plenopiv.displacement.windows import WindowGrid, step_of
 
 _WAVES = 32  # wave numbers along each axis
 _FARTHEST = _WAVES // 2 - 1  # vectors between two whose covariance is known
@@ -61,25 +62,33 @@ def noise_amplification(windows: WindowGrid, settings: CorrelationSettings) -> N
     W is that of the squared tapered window along each axis, aliases folded.
     """
     q = 2 * np.pi * np.fft.fftfreq(_WAVES)  # radians per vector
-    noise, seen, bias = [], [], []
-    for size, step, stride in zip(windows.size, windows.step, strides(windows), strict=True):
-        k = q[:, None] + 2 * np.pi * np.arange(-_ALIASES, _ALIASES + 1)
-        weight, place = fade(size, settings.taper_voxels) ** 2, (np.arange(size) - (size - 1) / 2) / step
-        average = (np.cos(k[..., None] * place) @ weight) / weight.sum()
-        spline = np.sinc(k / (2 * np.pi)) ** 4
-        noise.append((average**2).sum(1))
-        seen.append((spline * average).sum(1) / spline.sum(1))
-        bias.append((2 * np.cos(stride * q) - 2) * bias_factor(size, step, stride))
-    impulse = np.zeros((1, *(_WAVES,) * 3))
-    impulse[0, 0, 0, 0] = 1.0
-    impulse = np.roll(impulse, (_WAVES // 2,) * 3, (1, 2, 3))
-    if settings.filter_predictor:
-        impulse = smooth_predictor(impulse, settings.passes[-1].overlap)
-    passed = np.abs(np.fft.fftn(impulse[0]))
     z, y, x = np.ix_(*(np.arange(_WAVES),) * 3)
+
+    def under(size: int, wave: NDArray[np.float64]) -> NDArray[np.float64]:
+        weight, place = fade(size, settings.taper_voxels) ** 2, np.arange(size) - (size - 1) / 2
+        return np.cos(wave[..., None] * place) @ weight / weight.sum()
+
+    noise, bias = [], []
+    for size, step, stride in zip(windows.size, windows.step, strides(windows), strict=True):
+        waves = q[:, None] + 2 * np.pi * np.arange(-_ALIASES, _ALIASES + 1)
+        noise.append((under(size, waves / step) ** 2).sum(1))
+        bias.append((2 * np.cos(stride * q) - 2) * bias_factor(size, step, stride))
     power = noise[0][z] * noise[1][y] * noise[2][x]
-    kept = passed * (1 - seen[0][z] * seen[1][y] * seen[2][x])
-    spectrum = power * sum(kept**j for j in range(settings.fine_passes)) ** 2
+    amplified = np.ones_like(power)
+    for before in settings.passes[-settings.fine_passes : -1]:
+        spline, seen, passed = [], [], []
+        for size, step in zip(windows.size, windows.step, strict=True):
+            apart = step_of(size, before.overlap)
+            turn = np.asarray(q * (apart / step), np.float64)
+            waves, amplitude = spline_aliases(turn, _ALIASES)
+            if apart != step:  # its aliases are other waves of the next vectors
+                waves, amplitude = waves[:, _ALIASES, None], amplitude[:, _ALIASES, None]
+            spline.append(amplitude.sum(1))
+            seen.append((amplitude * under(size, waves / apart)).sum(1))
+            passed.append(filter_response(turn, before.overlap) if settings.filter_predictor else np.ones(_WAVES))
+        f, h, c = (v[0][z] * v[1][y] * v[2][x] for v in (passed, spline, seen))
+        amplified = 1 + f * (h - c) * amplified
+    spectrum = power * amplified**2
     response = (bias[0][z] + bias[1][y] + bias[2][x]) ** 2
     of_one = spectrum.sum()
     covariance = np.fft.fftshift(np.fft.ifftn(spectrum).real) * (spectrum.size / of_one)

@@ -101,16 +101,36 @@ def smooth_predictor(displacement: NDArray[np.float64], overlap: float) -> NDArr
     50 % ``overlap``.
     """
     out = np.asarray(displacement, float)
-    stride = 1
-    while stride == 1 or stride * (1 - overlap) <= 0.5 + 1e-9:
+    for stride in _strides(overlap):
         for axis in (1, 2, 3):
             n = out.shape[axis]
             if n > 2 * stride:
                 p = np.moveaxis(_odd(out, axis, 2 * stride), axis, 0)
                 far, near, middle = ([p[k * stride : k * stride + n] for k in pair] for pair in ((0, 4), (1, 3), (2,)))
                 out = np.moveaxis((10 * middle[0] + 4 * (near[0] + near[1]) - far[0] - far[1]) / 16, 0, axis)
-        stride *= 2
     return out
+
+
+def _strides(overlap: float) -> list[int]:
+    """Strides of the filter: one vector, two, four, ... up to half a window."""
+    strides = [1]
+    while 2 * strides[-1] * (1 - overlap) <= 0.5 + 1e-9:
+        strides.append(2 * strides[-1])
+    return strides
+
+
+def filter_response(turn: NDArray[np.float64] | float, overlap: float) -> NDArray[np.float64]:
+    """What ``smooth_predictor`` leaves of waves along one axis that turn by ``turn`` radians a vector."""
+    waves = np.asarray(turn, float)
+    return np.prod([1 - np.sin(stride * waves / 2) ** 4 for stride in _strides(overlap)], axis=0)
+
+
+def spline_aliases(turn: NDArray[np.float64] | float, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Waves (..., 2 ``count`` + 1), in radians a vector, and amplitudes of the spline through vectors of a wave of
+    ``turn`` (...) radians a vector: that wave in the middle, and its aliases."""
+    waves = np.asarray(turn, float)[..., None] + 2 * np.pi * np.arange(-count, count + 1)
+    amplitude = np.sinc(waves / (2 * np.pi)) ** 4
+    return waves, amplitude / amplitude.sum(-1, keepdims=True)
 
 
 def _odd(values: NDArray, axis: int, width: int) -> NDArray:

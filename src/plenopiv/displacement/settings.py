@@ -13,6 +13,7 @@ Sides = tuple[float, float, float]
 
 SMALLEST = 8  # voxels of a window along an axis
 SUB_WINDOW = 0.75, 0.75, 0.8125  # default sides of a sub-window, as fractions of the last window's along x, y, z
+HALF = 0.5  # overlap at which the filter between passes stops waves of one window
 
 
 class Pass(NamedTuple):
@@ -31,7 +32,8 @@ class CorrelationSettings:
     sub-windows' vectors over most of it (``displacement.resolution``). None: 0.75 of the last of ``windows`` along x
     and y, 0.8125 along z, where particles are long; 8 voxels at least. As large as the last of ``windows``: no
     sub-windows.
-    ``inner_overlap``: of sub-windows.
+    ``inner_overlap``: of sub-windows in the last pass; in those before it half at most, since the filter between passes
+    lets waves of a window's length through where vectors stand closer.
     ``coarse_passes``, ``fine_passes``: passes with each coarse window size and with the finest one. All but the very
     first pass deform the volumes by the displacement known so far.
     ``smoothing_voxels``: sigma of the Gaussian that both volumes see before correlation, one number or along x, y, z;
@@ -90,10 +92,12 @@ class CorrelationSettings:
     def passes(self) -> list[Pass]:
         """All passes in turn."""
         sizes = [Pass(window, self.overlap) for window in self.windows]
+        last = sizes[-1]
         if self.sub_window is not None:
-            sizes.append(Pass(self.sub_window, self.inner_overlap))
+            last = Pass(self.sub_window, self.inner_overlap)
+            sizes.append(Pass(self.sub_window, min(self.inner_overlap, HALF)))
         coarse = [size for size in sizes[:-1] for _ in range(self.coarse_passes)]
-        return [*coarse, *[sizes[-1]] * self.fine_passes]
+        return [*coarse, *[sizes[-1]] * (self.fine_passes - 1), last]
 
     def __post_init__(self) -> None:
         if not self.windows or any(len(w) != 3 or min(w) < SMALLEST for w in self.windows):

@@ -42,11 +42,14 @@ class PassResult:
 
 class PassVectors:
     """The peaks of a pass as they are found: ``moved`` (layers, windows of a layer, 3) x, y, z, ``found`` and
-    ``ratio``."""
+    ``ratio``. ``scattered`` (layers,): in which the ``variance`` (as ``moved``) of peaks is estimated, in none unless
+    ``scatter`` (``scattered_layers``)."""
 
-    def __init__(self, windows: WindowGrid) -> None:
+    def __init__(self, windows: WindowGrid, scatter: bool, settings: CorrelationSettings) -> None:
         nz, ny, nx = windows.shape
         self._windows = windows
+        self.scattered = scattered_layers(windows, settings) & scatter
+        self.variance = np.zeros((nz, ny * nx, 3))
         self.found = np.zeros((nz, ny * nx), bool)
         self.ratio = np.zeros((nz, ny * nx), np.float32)
         self.moved = np.zeros((nz, ny * nx, 3))
@@ -69,16 +72,26 @@ class PassVectors:
         self.ratio[layer, part][~lit] = 0.0
         return place, untilt, power
 
-    def result(self, predictor: SplineField | None, variance: NDArray[np.float64] | None) -> PassResult:
-        """``variance``: as ``moved``."""
+    def result(self, predictor: SplineField | None) -> PassResult:
+        """What the pass measured; the variance of layers between scattered ones is the mean of theirs."""
         shape = self._windows.shape
-        displacement, scattered = (
-            None if v is None else np.moveaxis(v.reshape(*shape, 3), -1, 0) for v in (self.moved, variance)
-        )
-        assert displacement is not None
+        displacement, variance = (np.moveaxis(v.reshape(*shape, 3), -1, 0) for v in (self.moved, self.variance))
         if predictor is not None:
             displacement = displacement + predictor.at(*self._windows.centres)
-        return PassResult(displacement, self.found.reshape(shape), self.ratio.reshape(shape), scattered)
+        between = np.flatnonzero(~self.scattered)
+        if self.scattered.any():
+            variance[:, between] = (variance[:, between - 1] + variance[:, between + 1]) / 2
+        found = displacement, self.found.reshape(shape), self.ratio.reshape(shape)
+        return PassResult(*found, variance if self.scattered.any() else None)
+
+
+def scattered_layers(windows: WindowGrid, settings: CorrelationSettings) -> NDArray[np.bool_]:
+    """Layers (nz,) of windows in which the variance of peaks is estimated: all, but of sub-windows that share more than
+    half of their planes with the next layer's every second one and the last."""
+    layers = np.ones(windows.shape[0], bool)
+    if settings.sub_window is not None and 2 * windows.step[0] < windows.size[0]:
+        layers[1:-1:2] = False
+    return layers
 
 
 class WindowPass:

@@ -53,6 +53,11 @@ class WindowBatch(NamedTuple):
         return cls(windows.reshape(-1), np.arange(count) * (nz * ny * nx), ny * nx, nx)
 
 
+def step_of(size: int, overlap: float) -> int:
+    """Voxels from one window of ``size`` voxels to the next along an axis."""
+    return max(1, round(size * (1 - overlap)))
+
+
 def window_grid(shape: tuple[int, int, int], window: Size, overlap: float) -> WindowGrid:
     """Windows of ``window`` = (nx, ny, nz) voxels over a volume of ``shape`` = (nz, ny, nx), centred on the volume.
 
@@ -67,7 +72,7 @@ def window_grid(shape: tuple[int, int, int], window: Size, overlap: float) -> Wi
         )
     steps, starts = [], []
     for n, total in zip(size, shape, strict=True):
-        step = max(1, round(n * (1 - overlap)))
+        step = step_of(n, overlap)
         count = (total - n) // step + 1
         left_over = total - n - (count - 1) * step
         steps.append(step)

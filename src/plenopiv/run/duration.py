@@ -91,11 +91,12 @@ def resampling_s(grid: VoxelGrid, lens: VoxelGrid | None) -> float:
 def correlation_s(grid: VoxelGrid, passes: Iterable[Pass]) -> float:
     """Seconds of one core for a pair's passes."""
     from plenopiv.displacement.transforms import fast_length
+    from plenopiv.displacement.windows import step_of
 
     pair = 0.0
     for window, overlap in passes:
         along = zip(grid.shape[::-1], window, strict=True)
-        count = prod(max(1, (total - n) // max(1, round(n * (1 - overlap))) + 1) for total, n in along)
+        count = prod(max(1, (total - n) // step_of(n, overlap) + 1) for total, n in along)
         pair += WINDOW * count * prod(map(fast_length, window))
     return pair
 

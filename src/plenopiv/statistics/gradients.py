@@ -125,10 +125,10 @@ def neighbour_correlation(settings: CorrelationSettings) -> NDArray[np.float64]:
     from plenopiv.displacement.noise_amplification import noise_amplification
     from plenopiv.displacement.resolution import averaged_share
     from plenopiv.displacement.sub_windows import mean_weights
-    from plenopiv.displacement.windows import window_grid
+    from plenopiv.displacement.windows import step_of, window_grid
 
     last = settings.windows[-1]
-    shape = tuple(n + (_INSIDE - 1) * max(1, round(n * (1 - settings.overlap))) for n in last[::-1])
+    shape = tuple(n + (_INSIDE - 1) * step_of(n, settings.overlap) for n in last[::-1])
     windows = window_grid(shape, last, settings.overlap)  # type: ignore[arg-type]
     if settings.sub_window is None:
         rows: Sequence[NDArray[np.float64]] = [np.eye(n) for n in windows.shape]
