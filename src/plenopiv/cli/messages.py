@@ -6,6 +6,8 @@ prints the lines, as text or as JSON.
 
 from __future__ import annotations
 
+import atexit
+import gc
 import logging
 import signal
 import sys
@@ -22,6 +24,8 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line (``sys.argv`` by default) and return its exit code."""
+    if arguments is None:
+        atexit.register(gc.freeze)  # the interpreter's last collection would look at a million objects that end anyway
     given = terminal.take_flags(list(sys.argv[1:] if arguments is None else arguments))
     with _warnings_in_one_line(), _notes_in_one_line():
         try:

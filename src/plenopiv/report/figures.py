@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.image import imread, imsave
-from matplotlib.transforms import ScaledTranslation, blended_transform_factory
+from matplotlib.transforms import BboxBase, ScaledTranslation, blended_transform_factory
 from numpy.typing import NDArray
 
 from plenopiv.errors import printable
@@ -54,17 +56,36 @@ def png(figure: Figure) -> bytes:
 
 @rc_context(STYLE)
 def png_and_pdf(figure: Figure, kinds: Sequence[str] = ("png", "pdf")) -> dict[str, bytes]:
-    """A figure in files of these kinds, laid out once; without dates, so that the same run writes the same files."""
-    figure.draw_without_rendering()
+    """A figure in files of these kinds, PNG without margins; without dates, so that the same run writes the same files.
+
+    Laid out once and drawn once a file, where ``savefig`` draws everything twice.
+    """
+    figure.set_dpi(DPI)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
     figure.set_layout_engine("none")
-    tight = figure.get_tightbbox().padded(PADDING)
-    found = {}
-    for kind in kinds:
+    found = {"png": _png(np.asarray(canvas.buffer_rgba()), figure.get_tightbbox().padded(PADDING))}
+    if "pdf" in kinds:
         buffer = io.BytesIO()
-        dates: dict[str, Any] = {"metadata": {"CreationDate": None}} if kind == "pdf" else {}
-        figure.savefig(buffer, format=kind, dpi=DPI, facecolor="white", bbox_inches=tight, **dates)
-        found[kind] = buffer.getvalue()
-    return found
+        FigureCanvasPdf(figure).print_pdf(buffer, metadata={"CreationDate": None})
+        figure.set_dpi(DPI)
+        found["pdf"] = buffer.getvalue()
+    return {kind: found[kind] for kind in kinds}
+
+
+def _png(drawn: NDArray[np.uint8], box: BboxBase) -> bytes:
+    """The part of a ``drawn`` figure (rows, columns, 4) within a ``box`` in inches from its lower left corner; white
+    where that reaches beyond it."""
+    rows, columns = drawn.shape[:2]
+    left, right, bottom, top = (round(side * DPI) for side in (box.x0, box.x1, box.y0, box.y1))
+    sides = max(top - rows, 0), max(-bottom, 0), max(-left, 0), max(right - columns, 0)
+    padded = np.pad(drawn, (sides[:2], sides[2:], (0, 0)), constant_values=255)
+    first_row, first_column = rows - top + sides[0], left + sides[2]
+    buffer = io.BytesIO()
+    imsave(
+        buffer, padded[first_row : first_row + top - bottom, first_column : first_column + right - left], format="png"
+    )
+    return buffer.getvalue()
 
 
 def panels(figure: Figure, whole: bytes = b"") -> list[bytes]:
