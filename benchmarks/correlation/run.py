@@ -31,7 +31,8 @@ from scores import BIAS_AIM, RMS_AIM, Row, row, shift_table, three, wave_table
 from volumes import BRIGHTNESS_SPREAD, PARTICLES_A_WINDOW, SIGMA, WINDOW, Flow, Shape, particle_pair
 
 from plenopiv.accuracy.velocity import GROSS_VOXELS
-from plenopiv.displacement.multigrid import OnePair, compressed, first_pass, measure
+from plenopiv.displacement.compression import compressed
+from plenopiv.displacement.multigrid import OnePair, first_pass, measure
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.windows import window_grid
 from plenopiv.errors import PlenoPIVWarning

@@ -23,6 +23,7 @@ from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.pose import FRONT, Pose
 from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.device.backend import CPU, Device
+from plenopiv.displacement.compression import compressed
 from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.ensemble import PairsOfVolumes, measure_ensemble
 from plenopiv.displacement.field import DisplacementField
@@ -45,7 +46,7 @@ from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.reconstruction.tiles import Tile
 from plenopiv.reconstruction.usable import usable_share
 from plenopiv.velocity import Frame, velocity_dataset
-from plenopiv.volume import SparseVolume, VoxelGrid
+from plenopiv.volume import SparseVolume, Volume, VoxelGrid
 
 if TYPE_CHECKING:
     import xarray
@@ -261,20 +262,35 @@ class Chain:
         Raises:
             PlenoPIVError: windows do not fit, or nothing is found.
         """
-        volumes = self.weighted(a), self.weighted(b)
+        volumes, settings = (self.correlated(a), self.correlated(b)), self._of_correlated
         if self.device.kind == "cpu":
-            return measure(*volumes, self.correlation, progress, self.solid, depth=self.depth_weights)
+            return measure(*volumes, settings, progress, self.solid, depth=self.depth_weights)
         with self.device.in_use():
             from plenopiv.device.correlation import measure as measure_on_device
 
             memory, depth = self.device.memory, self.depth_weights
-            return measure_on_device(*volumes, self.correlation, progress, self.solid, memory, depth)
+            return measure_on_device(*volumes, settings, progress, self.solid, memory, depth)
 
     def weighted(self, volume: SparseVolume) -> SparseVolume:
-        """A reconstructed volume on ``grid`` as it is correlated: voxels behind unusable pixels count less."""
-        if (whole := self._whole) is not None:
-            volume = volume.with_values(volume.values * usable_share(self.projection, whole, volume))
-        return self.in_laboratory(volume)
+        """A reconstructed volume with less light in voxels behind unusable pixels."""
+        if (whole := self._whole) is None:
+            return volume
+        return volume.with_values(volume.values * usable_share(self.projection, whole, volume))
+
+    def correlated(self, volume: SparseVolume) -> Volume:
+        """A reconstructed volume as it is correlated: ``weighted``, compressed, on ``grid``.
+
+        Light is shared among the laboratory's voxels after it is compressed: its centre stays where it is. The square
+        root of light that is shared already is off its centre by where that lies between voxels, and as lines of sight
+        are slanted against the grid, that changes as particles move in depth.
+        """
+        light = compressed(self.weighted(volume), self.correlation.intensity_exponent)
+        return light if self.space is None else self.in_laboratory(SparseVolume.of(light))
+
+    @property
+    def _of_correlated(self) -> CorrelationSettings:
+        """The settings for volumes that are compressed."""
+        return replace(self.correlation, intensity_exponent=1.0)
 
     def in_laboratory(self, volume: SparseVolume) -> SparseVolume:
         """A reconstructed volume on ``grid``."""
@@ -309,7 +325,9 @@ class Chain:
         Raises:
             PlenoPIVError: there is no pair; else as ``velocity``.
         """
-        found = measure_ensemble(_Weighted(self, pairs), self.correlation, progress, self.solid, self.depth_weights)
+        found = measure_ensemble(
+            _Correlated(self, pairs), self._of_correlated, progress, self.solid, self.depth_weights
+        )
         return self.dataset(found, dt_s, time_s)
 
     def dataset(self, field: DisplacementField, dt_s: float, time_s: float = 0.0) -> xarray.Dataset:
@@ -329,7 +347,7 @@ class Chain:
 
 
 @dataclass(frozen=True)
-class _Weighted:
+class _Correlated:
     """Pairs of volumes as the correlation sees them."""
 
     chain: Chain
@@ -338,6 +356,6 @@ class _Weighted:
     def __len__(self) -> int:
         return len(self.pairs)
 
-    def __getitem__(self, index: int) -> tuple[SparseVolume, SparseVolume]:
+    def __getitem__(self, index: int) -> tuple[Volume, Volume]:
         a, b = self.pairs[index]
-        return self.chain.weighted(a), self.chain.weighted(b)
+        return self.chain.correlated(a), self.chain.correlated(b)

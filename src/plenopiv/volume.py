@@ -85,9 +85,6 @@ class Volume(Protocol):
     def values(self) -> NDArray[np.float32]:
         """Intensity of the voxels that it holds."""
 
-    def with_values(self, values: NDArray[np.float32]) -> Volume:
-        """The same voxels with other intensities."""
-
     def slab(self, lo: int, hi: int) -> NDArray[np.float32]:
         """Planes lo <= k < hi as a dense float32 array (hi - lo, ny, nx), to be read only; zero outside the volume."""
 
@@ -150,6 +147,18 @@ class SparseVolume:
         np.cumsum(np.concatenate(counts), out=start[1:])
         column = np.concatenate(columns)
         return cls(grid, start, column, np.full(column.size, value, np.float32))
+
+    @classmethod
+    def of(cls, volume: Volume) -> SparseVolume:
+        """The voxels of any volume in which there is light, listed plane by plane."""
+        counts, columns, values = [np.zeros(1, np.int64)], [], []
+        for k in range(volume.grid.shape[0]):
+            (plane,) = volume.slab(k, k + 1)
+            lit = plane != 0
+            counts.append(np.count_nonzero(lit, axis=1))
+            columns.append(np.nonzero(lit)[1].astype(np.uint16))
+            values.append(plane[lit])
+        return cls(volume.grid, np.cumsum(np.concatenate(counts)), np.concatenate(columns), np.concatenate(values))
 
     @classmethod
     def stacked(cls, grid: VoxelGrid, parts: Sequence[SparseVolume]) -> SparseVolume:

@@ -7,8 +7,9 @@ from itertools import product
 import numpy as np
 import pytest
 
+from plenopiv.displacement.compression import compressed
 from plenopiv.displacement.correlation import WindowCorrelator
-from plenopiv.displacement.multigrid import compressed, correlation_pass
+from plenopiv.displacement.multigrid import correlation_pass
 from plenopiv.displacement.overlap import PLAIN, fade, overlap, powers
 from plenopiv.displacement.peaks import find_peaks
 from plenopiv.displacement.predictor import fit_spline

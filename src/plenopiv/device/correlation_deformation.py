@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.displacement.compression import BESIDE, CompressedVolume
 from plenopiv.displacement.predictor import SplineField
 from plenopiv.volume import SparseVolume, Volume
 
@@ -37,13 +38,15 @@ class Planes:
         count = min(count, nz)
         first = min(max(lo, 0), nz - count)
         if self._dense is None:
-            return jnp.asarray(self.volume.slab(first, first + count)), first
+            return _planes_on_device(self.volume, first, first + count), first
         return (self._dense if count == nz else _some(self._dense, first, count)), first
 
 
 def dense_on_device(volume: Volume) -> jax.Array:
     """Every voxel of a volume, float32 (nz, ny, nx), on the device. Of a sparse volume the list alone is sent."""
     nz, ny, nx = volume.grid.shape
+    if isinstance(volume, CompressedVolume):
+        return _compressed(dense_on_device(volume.volume), volume.exponent, np.float32(volume.factor))
     if not isinstance(volume, SparseVolume):
         return jnp.asarray(volume.slab(0, nz))
     out = jnp.zeros((nz, ny * nx), jnp.float32)
@@ -60,6 +63,34 @@ def dense_on_device(volume: Volume) -> jax.Array:
             light[: end - begin] = volume.values[begin:end]
             out = _placed(out, lo, place, light, hi - lo)
     return out.reshape(nz, ny, nx)
+
+
+def _planes_on_device(volume: Volume, lo: int, hi: int) -> jax.Array:
+    """Planes lo <= k < hi, compressed on the device, as all of them are."""
+    if isinstance(volume, CompressedVolume):
+        return _compressed(_planes_on_device(volume.volume, lo, hi), volume.exponent, np.float32(volume.factor))
+    return jnp.asarray(volume.slab(lo, hi))
+
+
+@partial(jax.jit, static_argnums=1, donate_argnums=0)
+def _compressed(dense: jax.Array, exponent: float, factor: jax.Array) -> jax.Array:
+    """``CompressedVolume.slab`` of all planes, one after the other in their own place."""
+
+    def blended(values: jax.Array, axis: int) -> jax.Array:
+        n = values.shape[axis]
+        first, last = (jax.lax.slice_in_dim(values, k, k + 1, axis=axis) for k in (0, n - 1))
+        before = jnp.concatenate([first, jax.lax.slice_in_dim(values, 0, n - 1, axis=axis)], axis)
+        after = jnp.concatenate([jax.lax.slice_in_dim(values, 1, n, axis=axis), last], axis)
+        return (1 - 2 * BESIDE) * values + BESIDE * (before + after)
+
+    def one(k: jax.Array, dense: jax.Array) -> jax.Array:
+        plane = dense[k]
+        if exponent != 1.0:
+            plane = blended(blended(jnp.maximum(plane, 0.0), 1), 0)
+            plane = jnp.sqrt(plane) if exponent == 0.5 else plane**exponent
+        return dense.at[k].set(plane * factor)
+
+    return jax.lax.fori_loop(0, dense.shape[0], one, dense)
 
 
 @partial(jax.jit, static_argnames="count", donate_argnums=0)

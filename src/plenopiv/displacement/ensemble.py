@@ -38,10 +38,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.displacement.compression import CompressedVolume, compressed
 from plenopiv.displacement.correlation import Spectra
 from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.field import DisplacementField
-from plenopiv.displacement.multigrid import Progress, compressed, multi_grid
+from plenopiv.displacement.multigrid import Progress, multi_grid
 from plenopiv.displacement.offset import summed_offset
 from plenopiv.displacement.predictor import SplineField
 from plenopiv.displacement.settings import CorrelationSettings
@@ -132,7 +133,7 @@ class SummedPairs:
         own = self._brightness[number]
         first = next((both for both in self._brightness if min(both) > 0), own)
         return tuple(  # type: ignore[return-value]
-            volume if light in (0.0, aim) else volume.with_values(volume.values * np.float32(aim / light))
+            volume if light in (0.0, aim) else CompressedVolume(volume, factor=aim / light)
             for volume, light, aim in zip((a, b), own, first, strict=True)
         )
 

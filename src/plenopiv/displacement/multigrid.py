@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.displacement.compression import compressed
 from plenopiv.displacement.correlation import Spectra
 from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.field import DisplacementField
@@ -134,14 +135,6 @@ def first_pass(
     displacement = np.where(found | valid, again, result.displacement)
     ratio = np.where(found & ~valid, np.float32(0.0), result.peak_ratio)
     return replace(result, displacement=displacement, found=valid | found, peak_ratio=ratio)
-
-
-def compressed(volume: Volume, exponent: float) -> Volume:
-    """The volume with its intensities raised to a power, other than 1 with negative ones as none."""
-    if exponent == 1.0:
-        return volume
-    values = np.maximum(volume.values, np.float32(0.0))
-    return volume.with_values(np.sqrt(values) if exponent == 0.5 else values ** np.float32(exponent))
 
 
 def measure(
