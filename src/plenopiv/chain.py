@@ -25,7 +25,7 @@ from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.device.backend import CPU, Device
 from plenopiv.displacement.compression import compressed
 from plenopiv.displacement.depth_weights import DepthWeights
-from plenopiv.displacement.ensemble import PairsOfVolumes, measure_ensemble
+from plenopiv.displacement.ensemble import EachVolume, PairsOfVolumes, measure_ensemble
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.multigrid import Progress as CorrelationProgress
 from plenopiv.displacement.multigrid import measure
@@ -326,7 +326,7 @@ class Chain:
             PlenoPIVError: there is no pair; else as ``velocity``.
         """
         found = measure_ensemble(
-            _Correlated(self, pairs), self._of_correlated, progress, self.solid, self.depth_weights
+            EachVolume(pairs, self.correlated), self._of_correlated, progress, self.solid, self.depth_weights
         )
         return self.dataset(found, dt_s, time_s)
 
@@ -344,18 +344,3 @@ class Chain:
             at = np.stack(np.meshgrid(*axes, indexing="ij"), -1).transpose(2, 1, 0, 3)
             near = near_focus(camera, (at if self.space is None else self.space.to_lens(at))[..., 2])
         return velocity_dataset(field, self.grid, dt_s, time_s, self.frame, near)
-
-
-@dataclass(frozen=True)
-class _Correlated:
-    """Pairs of volumes as the correlation sees them."""
-
-    chain: Chain
-    pairs: PairsOfVolumes[SparseVolume]
-
-    def __len__(self) -> int:
-        return len(self.pairs)
-
-    def __getitem__(self, index: int) -> tuple[Volume, Volume]:
-        a, b = self.pairs[index]
-        return self.chain.correlated(a), self.chain.correlated(b)

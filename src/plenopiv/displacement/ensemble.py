@@ -29,10 +29,11 @@ as for ``measure``. Iteration and averaging bias follow as there (``uncertainty`
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
-from typing import Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numba
 import numpy as np
@@ -64,6 +65,7 @@ PLANES_BYTES = 1 << 30  # of summed correlations held at once; a layer of window
 
 
 AnyVolume = TypeVar("AnyVolume", bound=Volume, covariant=True)
+Given = TypeVar("Given", bound=Volume)
 
 
 class PairsOfVolumes(Protocol[AnyVolume]):
@@ -74,6 +76,21 @@ class PairsOfVolumes(Protocol[AnyVolume]):
 
     def __getitem__(self, index: int, /) -> tuple[AnyVolume, AnyVolume]:
         """Both volumes of a pair, from 0."""
+
+
+@dataclass(frozen=True)
+class EachVolume(Generic[Given]):
+    """``pairs`` whose volumes are changed by ``change`` whenever they are asked for."""
+
+    pairs: PairsOfVolumes[Given]
+    change: Callable[[Given], Volume]
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def __getitem__(self, index: int) -> tuple[Volume, Volume]:
+        a, b = self.pairs[index]
+        return self.change(a), self.change(b)
 
 
 def measure_ensemble(
