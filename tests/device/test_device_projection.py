@@ -12,7 +12,7 @@ import jax.numpy as jnp
 
 from plenopiv.cameras.pose import FRONT, SIDE
 from plenopiv.cameras.space_map import PLACE_POWERS
-from plenopiv.device import plenoptic
+from plenopiv.device import asking
 from plenopiv.device.projection import forward, gather, on_device
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lattice import LatticeMap
@@ -97,7 +97,7 @@ def test_planes_in_twos_either_way():
 
 @pytest.mark.full
 def test_many_microlenses_about_a_point(monkeypatch):
-    monkeypatch.setattr(plenoptic, "WRITTEN_OUT", 0)
+    monkeypatch.setattr(asking, "WRITTEN_OUT", 0)
     grid = VoxelGrid.covering((-0.4, 0.37), (-0.3, 0.36), (-2.0, -1.7), (0.0385, 0.0385, 0.1))  # no other test's
     of_light, of_sums, apart = compared(projector_of("hexagonal", 2.0, grid), np.arange(3) * 20)
     assert max(of_light, of_sums) <= 1e-5

@@ -21,15 +21,15 @@ from plenopiv.projection.plenoptic.plane_maps.voxel_rows import LINE_COST
 
 EXACT = 1e-5  # of the largest singular value: outer products of planes whose weights are not left out
 STEPS = "voxel_s", "step_x", "voxel_t", "step_y"  # of ``geometry.Plane``
-MARGIN = 0.02  # microlenses: rounding of a point's place among them
-SPLIT = 24  # planes of a bucket that may be cut in two for the sake of ranks and windows, at least
+MARGIN = 0.02  # microlenses: rounding of a place among them
+SPLIT = 24  # planes of a bucket that may be cut in two for the sake of ranks, at least
 GAIN = 0.8  # of the work, that a bucket cut in two may at most take to be worth another program
 
 
 class Bucket(NamedTuple):
     """What the program for a bucket is compiled for: its number of ``planes``, or of groups of planes that share a map,
     and of ``members`` of a group; ``points`` to a voxel and ``voxels`` to a point along an axis; outer products
-    (``ranks``); taps, and microlenses that may light a point, both along y and x."""
+    (``ranks``); taps along y and x."""
 
     planes: int
     members: int
@@ -37,7 +37,6 @@ class Bucket(NamedTuple):
     voxels: int
     ranks: int
     taps: tuple[int, int]
-    window: tuple[int, int]
 
 
 class PlaneTable(NamedTuple):
@@ -47,8 +46,7 @@ class PlaneTable(NamedTuple):
     the sake of shapes and dark; ``down`` and ``across`` (ranks, voxels, taps, points), its weights along y and x. Of
     the plane that the group is taken to lie in: ``place`` (6,), point of lens (0, 0) at q = 0, and points per mm of s
     or t and per px of q, of x, then of y; a map's first point is number 1. ``off``: A less that of the first plane of
-    all. ``light``: share of a voxel's light that a wholly lit pixel collects. ``reach`` (2,): half the window of
-    microlenses about a point, in rows, and in microlenses along them."""
+    all. ``light``: share of a voxel's light that a wholly lit pixel collects."""
 
     number: NDArray[np.int32]
     real: NDArray[np.bool_]
@@ -57,7 +55,6 @@ class PlaneTable(NamedTuple):
     place: NDArray[np.float32]
     off: NDArray[np.float32]
     light: NDArray[np.float32]
-    reach: NDArray[np.float32]
 
 
 class Taps(NamedTuple):
@@ -68,20 +65,16 @@ class Taps(NamedTuple):
 
 
 def buckets(
-    mapped: MappedViews, variants: Sequence[PlaneGroups], q_half: NDArray[np.float64]
+    mapped: MappedViews, variants: Sequence[PlaneGroups], weights: Sequence[Taps]
 ) -> list[tuple[Bucket, PlaneTable]]:
     """The buckets of all planes, in groups; and the table of each for every one of ``variants`` of the groups, which
-    share programs, (variants, groups, ...). ``q_half`` (2,): half of what q of one view's pixels ranges over, along x
-    and y, px, at the most."""
-    shape, nx = mapped.maps.shape, mapped.grid.shape[2]
-    weights = [taps_of(mapped.maps, k, nx) for k in range(len(shape))]
-    reach = window_reach(mapped, q_half)
+    share programs, (variants, groups, ...). ``weights``: ``taps_of`` each plane."""
     alike: dict[tuple[int, int], list[int]] = {}
-    for k, (_, _, _, _, points, shift) in enumerate(shape.tolist()):
+    for k, (_, _, _, _, points, shift) in enumerate(mapped.maps.shape.tolist()):
         alike.setdefault((points, 1 << shift), []).append(k)
     found = []
     for (points, voxels), planes in alike.items():
-        for part in _split(planes, weights, reach):
+        for part in _split(planes, weights):
             groups = [np.flatnonzero(np.isin(each.first[:-1], part)) for each in variants]
             members = [
                 [np.arange(*each.first[g : g + 2]) for g in own] for each, own in zip(variants, groups, strict=True)
@@ -89,11 +82,10 @@ def buckets(
             every = [group for own in members for group in own]
             met = np.unique(np.concatenate(every)) if every else np.array(part)
             ranks, taps_y, taps_x = (max(weights[k][a].shape[n] for k in met) for a, n in ((0, 0), (0, 2), (1, 2)))
-            rows, along = (floor(2 * most) + 1 for most in reach[met].max(0))
             count, most = max(map(len, members)), max((len(group) for group in every), default=1)
-            form = Bucket(count, most, points, voxels, ranks, (taps_y, taps_x), (rows, along))
+            form = Bucket(count, most, points, voxels, ranks, (taps_y, taps_x))
             tables = [
-                _table(mapped, form, each.table[own], group, weights, reach)
+                _table(mapped, form, each.table[own], group, weights)
                 for each, own, group in zip(variants, groups, members, strict=True)
             ]
             found.append((form, PlaneTable(*(np.stack(parts) for parts in zip(*tables, strict=True)))))
@@ -129,15 +121,6 @@ def _taps(weights: NDArray[np.float64], voxels: int, points: int) -> NDArray[np.
     return out.reshape(len(weights), voxels, taps, points)
 
 
-def window_reach(mapped: MappedViews, q_half: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Half the window of microlenses that may light a point of a plane's map, (nz, 2): rows of them, and microlenses
-    along the rows. A microlens does so if its place is less than a step from the point, along x and y."""
-    lattice, steps = mapped.layout.camera.lattice, _points_per(mapped)
-    wide, high = ((1 + np.abs(steps[:, 2 * a + 1]) * q_half[a]) / np.abs(steps[:, 2 * a]) for a in (0, 1))
-    moved = irregularity(mapped.camera)
-    return reach_in_lattice(lattice.rotation_rad, lattice.pitch_mm, lattice.row_spacing, wide, high, moved)
-
-
 def reach_in_lattice(
     rotation_rad: float, pitch_mm: float, row_spacing: float, wide: NDArray, high: NDArray, irregular: float
 ) -> NDArray[np.float64]:
@@ -155,14 +138,13 @@ def irregularity(camera: CameraOnGrid) -> float:
     return max((float(camera.lenses_moved(view)[1]) for view in views), default=0.0)
 
 
-def _points_per(mapped: MappedViews) -> NDArray[np.float64]:
-    """Points of each plane's map per mm of s, px of q along x, mm of t and px of q along y, (nz, 4)."""
-    return _voxel_points(mapped)[:, None] * column_of(mapped.planes, *STEPS).astype(np.float64)
-
-
-def _voxel_points(mapped: MappedViews) -> NDArray[np.float64]:
-    """Points to a voxel along an axis of each plane's map, (nz,)."""
-    return mapped.maps.shape[:, 4] / 2.0 ** mapped.maps.shape[:, 5]
+def place_of(mapped: MappedViews, first: int, constants: NDArray[np.float32]) -> NDArray[np.float64]:
+    """``PlaneTable.place`` of a group whose ``first`` plane this is, taken to lie where ``constants`` (14,) say."""
+    *_, points, shift = mapped.maps.shape[first].tolist()
+    per_voxel = points / 2.0**shift
+    at = mapped.maps.border[first] - 1 - per_voxel * np.array([mapped.cam.x0, mapped.cam.y0], np.float64)
+    s, x, t, y = per_voxel * column_of(constants[None], *STEPS)[0].astype(np.float64)
+    return np.array([at[0], s, x, at[1], t, y])
 
 
 def _table(
@@ -170,53 +152,40 @@ def _table(
     form: Bucket,
     constants: NDArray[np.float32],
     groups: list[NDArray[np.int64]],
-    weights: list[Taps],
-    reach: NDArray[np.float64],
+    weights: Sequence[Taps],
 ) -> PlaneTable:
     """The table of some groups of planes, taken to lie where ``constants`` (groups, 14) say; with groups of none at the
     end, as many as ``form`` has more."""
     number = np.zeros((form.planes, form.members), np.int32)
     real, place = np.zeros(number.shape, bool), np.ones((form.planes, 6))
     down, across = (np.zeros((*number.shape, form.ranks, form.voxels, taps, form.points)) for taps in form.taps)
-    off, light, about = np.zeros(form.planes), np.zeros(form.planes), np.zeros((form.planes, 2))
+    off, light = np.zeros(form.planes), np.zeros(form.planes)
     spread = column_of(mapped.planes, "spread")[0]
     for g, (group, plane) in enumerate(zip(groups, constants, strict=True)):
         for m, k in enumerate(group):
             number[g, m], real[g, m] = k, True
             for out, taps in zip((down, across), weights[k][:2], strict=True):
                 out[g, m, : taps.shape[0], :, : taps.shape[2]] = taps
-        points = _voxel_points(mapped)[group[0]]
-        first = mapped.maps.border[group[0]] - 1 - points * np.array([mapped.cam.x0, mapped.cam.y0], np.float64)
-        s, x, t, y = points * column_of(plane[None], *STEPS)[0].astype(np.float64)
-        place[g] = first[0], s, x, first[1], t, y
+        place[g] = place_of(mapped, group[0], plane)
         off[g], light[g] = column_of(plane[None], "spread")[0] - spread, column_of(plane[None], "light")[0]
-        about[g] = reach[group].max(0)
-    numbers = (each.astype(np.float32) for each in (down, across, place, off, light, about))
+    numbers = (each.astype(np.float32) for each in (down, across, place, off, light))
     return PlaneTable(number, real, *numbers)
 
 
-def _split(planes: list[int], weights: list[Taps], reach: NDArray[np.float64]) -> list[list[int]]:
+def _split(planes: list[int], weights: Sequence[Taps]) -> list[list[int]]:
     """Planes of as many points to a voxel in one list, or in several where that saves much work."""
-    if len(planes) < SPLIT:
+    if len(planes) < SPLIT or weights[planes[0]].down.shape[1] > 1:  # neighbours may share a map
         return [planes]
-    cuts = []
-    orders = [sorted(planes, key=lambda k: tuple(reach[k]))]
-    if weights[planes[0]].down.shape[1] == 1:  # else neighbours may share a map
-        orders.append(sorted(planes, key=lambda k: len(weights[k].down)))
-    for order in orders:
-        for at in range(1, len(order)):
-            parts = order[:at], order[at:]
-            cuts.append((sum(_work(part, weights, reach) for part in parts), parts))
-    least, best = min(cuts, key=lambda cut: cut[0])
-    if least > GAIN * _work(planes, weights, reach):
+    order = sorted(planes, key=lambda k: len(weights[k].down))
+    cuts = [(order[:at], order[at:]) for at in range(1, len(order))]
+    least, best = min(((sum(_work(part, weights) for part in parts), parts) for parts in cuts), key=lambda cut: cut[0])
+    if least > GAIN * _work(planes, weights):
         return [planes]
-    return [part for half in best for part in _split(half, weights, reach)]
+    return [part for half in best for part in _split(half, weights)]
 
 
-def _work(planes: list[int], weights: list[Taps], reach: NDArray[np.float64]) -> float:
-    """Time that some planes take in one bucket: products for each point, and microlenses about it, which take several
-    times as long and come once for each view."""
+def _work(planes: list[int], weights: Sequence[Taps]) -> float:
+    """Products that some planes take in one bucket, for each voxel or point."""
     ranks = max(len(weights[k].down) for k in planes)
     phases, taps = (max(weights[k].down.shape[axis] for k in planes) for axis in (1, 2))
-    rows, along = (floor(2 * most) + 1 for most in reach[planes].max(0))
-    return len(planes) * (4 * ranks * taps * phases + 60 * rows * along)
+    return float(len(planes) * ranks * taps * phases)

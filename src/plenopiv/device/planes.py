@@ -51,29 +51,6 @@ def spread(bucket: Bucket, plane: jax.Array, down: jax.Array, across: jax.Array)
     return jnp.pad(light.reshape(high * points, wide * points), (PAD, PAD))
 
 
-def collect(bucket: Bucket, light: jax.Array, down: jax.Array, across: jax.Array, plane: tuple[int, int]) -> jax.Array:
-    """For each voxel of a plane (ny, nx) the sum of the points of its map ``light`` (without dark borders) by its
-    weights: the transpose of ``spread``."""
-    voxels, points = bucket.voxels, bucket.points
-    rows, columns = (ceil(n / voxels) for n in plane)
-    ahead_y, ahead_x = (taps - 1 for taps in bucket.taps)
-    wide = columns + ahead_x
-    light = light.reshape(rows + ahead_y, points, wide * points)
-
-    def add(r: jax.Array, total: jax.Array) -> jax.Array:
-        of_x, of_y = across[r], down[r]
-        line = sum(
-            light[a : a + rows, p][:, None] * of_y[:, a, p, None] for p, a in _taps(points, ahead_y + 1)
-        )  # (rows, voxels, points along x)
-        line = lax.optimization_barrier(line.reshape(rows * voxels, wide, points))
-        return total + sum(
-            line[None, :, a : a + columns, p] * of_x[:, a, p, None, None] for p, a in _taps(points, ahead_x + 1)
-        )
-
-    total = lax.fori_loop(0, bucket.ranks, add, jnp.zeros((voxels, rows * voxels, columns), jnp.float32))
-    return jnp.moveaxis(total, 0, 2).reshape(rows * voxels, columns * voxels)[: plane[0], : plane[1]]
-
-
 def _taps(count: int, taps: int) -> list[tuple[int, int]]:
     """(phase, tap) of all terms of a pass."""
     return [(phase, tap) for phase in range(count) for tap in range(taps)]
