@@ -24,8 +24,8 @@ from plenopiv.device.asking import corrected
 from plenopiv.device.candidates import Judges, candidate_voxels, judges, visible_voxels
 from plenopiv.device.form import Update
 from plenopiv.device.listed import Listed, listed, listed_shape
-from plenopiv.device.plane_tables import Bucket, PlaneTable, buckets, taps_of
-from plenopiv.device.planes import PAD, spread
+from plenopiv.device.plane_tables import Bucket, PlaneTable, buckets, rectangles_of
+from plenopiv.device.planes import read, spread
 from plenopiv.device.view_places import LensBlock, LensTable, footprints, pixels_of
 from plenopiv.device.voxel_tables import Asking, VoxelTable, voxel_tables
 from plenopiv.errors import PlenoPIVError
@@ -80,12 +80,9 @@ class PlenopticForm:
         for bucket, planes in self._groups(tables, views):
 
             def add(light: jax.Array, group: PlaneTable, bucket: Bucket = bucket) -> tuple[jax.Array, None]:
-                shared = sum(
-                    spread(bucket, lax.dynamic_index_in_dim(volume, group.number[m], keepdims=False), *weights)
-                    for m, weights in enumerate(zip(group.down, group.across, strict=True))
-                )
+                shared = lax.optimization_barrier(spread(bucket, volume[group.number], group.weights))
                 x, y, lit = footprints(group.place, group.off, pixels)
-                return light + group.light * lit * _read(lax.optimization_barrier(shared), x, y), None
+                return light + group.light * lit * read(bucket, shared, x, y), None
 
             light, _ = lax.scan(add, light, planes)
         return light
@@ -125,20 +122,6 @@ class PlenopticForm:
             yield bucket, PlaneTable(*(each[way] for each in planes))
 
 
-def _read(light: jax.Array, x: jax.Array, y: jax.Array) -> jax.Array:
-    """A map with dark borders at places (views, lens), between points linearly; 0 beside the map."""
-    rows, columns = (n - sum(PAD) for n in light.shape)
-    x, y = jnp.clip(x, 0.0, columns + 1.0), jnp.clip(y, 0.0, rows + 1.0)
-    i, j = x.astype(jnp.int32), y.astype(jnp.int32)
-    beyond_x, beyond_y, at = x - i, y - j, j * light.shape[1] + i
-    flat = light.reshape(-1)
-    one, two, three, four = (
-        flat.at[at + step].get(mode="promise_in_bounds") for step in (0, 1, light.shape[1], light.shape[1] + 1)
-    )
-    above, below = one + beyond_x * (two - one), three + beyond_x * (four - three)
-    return above + beyond_y * (below - above)
-
-
 @dataclass(frozen=True)
 class PlenopticOnDevice:
     """A projector with exact weights (``host``), and the same for the device in use. ``q_half`` (2,): half of what q of
@@ -169,7 +152,7 @@ class PlenopticOnDevice:
         block = LensBlock(where.ni, where.nj, where.camera.lattice.kind == "hexagonal")
         low, high = ranges_of_q(mapped)
         half = ((high - low) / 2).max(0, initial=0.0)
-        weights = [taps_of(mapped.maps, k, host.grid.shape[2]) for k in range(host.grid.shape[0])]
+        weights = [rectangles_of(mapped.maps, k) for k in range(host.grid.shape[0])]
         forms, planes = zip(*buckets(mapped, [mapped.singles], weights), strict=True)
         twos, planes_in_twos = zip(*buckets(mapped, mapped.pairs, weights), strict=True)
         asking, voxels = zip(*voxel_tables(mapped, [mapped.singles, *mapped.pairs], weights, half), strict=True)

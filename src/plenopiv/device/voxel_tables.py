@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.device.plane_tables import Taps, irregularity, place_of, reach_in_lattice
+from plenopiv.device.plane_tables import irregularity, place_of, reach_in_lattice
 from plenopiv.projection.plenoptic.geometry import column_of
 from plenopiv.projection.plenoptic.plane_maps.maps import PlaneGroups
 from plenopiv.projection.plenoptic.plane_maps.views import MappedViews
@@ -23,6 +23,8 @@ from plenopiv.projection.plenoptic.plane_maps.views import MappedViews
 BEFORE, BEHIND = 1, 2  # zeros around a table of weights, so that places beside it can be read too
 NOTHING = 1e-7  # of the largest weight: no light
 ALIKE = 0.7  # of the largest window of a bucket, the least
+
+Ends = list[NDArray[np.int64]]
 
 
 class Asking(NamedTuple):
@@ -54,11 +56,11 @@ class VoxelTable(NamedTuple):
 
 
 def voxel_tables(
-    mapped: MappedViews, variants: Sequence[PlaneGroups], weights: Sequence[Taps], q_half: NDArray[np.float64]
+    mapped: MappedViews, variants: Sequence[PlaneGroups], weights: Sequence[NDArray[np.float32]], q_half: NDArray[np.float64]
 ) -> list[tuple[Asking, VoxelTable]]:
     """The tables of all planes in buckets; arguments as of ``plane_tables.buckets``, with the planes' ``weights``."""
     shape = mapped.maps.shape
-    each = [_table_of(taps) for taps in weights]
+    each = [_table_of(one) for one in weights]
     place, off = (np.stack(parts, 1) for parts in zip(*(_places(mapped, groups) for groups in variants), strict=True))
     half = np.array([[(high - low + 2).max() / 2 for low, high in zip(*ends, strict=True)] for _, ends in each])
     lattice = mapped.layout.camera.lattice
@@ -88,16 +90,14 @@ def voxel_tables(
     return [_bucket(found, reach, some) for some in _alike(reach)]
 
 
-def _table_of(taps: Taps) -> tuple[NDArray[np.float32], tuple[list[NDArray[np.int64]], list[NDArray[np.int64]]]]:
+def _table_of(both: NDArray[np.float32]) -> tuple[NDArray[np.float32], tuple[Ends, Ends]]:
     """The tables of a plane, (place along y, along x, y, x), with zeros around; and the first and the last point of
     the weights of voxels at each place, along y and x."""
-    down, across = (each.reshape(*each.shape[:2], -1) for each in taps)
-    both = np.einsum("rvy,rwx->vwyx", down, across)
     lit = np.abs(both) > NOTHING * np.abs(both).max()
     along = lit.any((1, 3)), lit.any((0, 2))  # (place, point) along y, along x
     ends = [each.argmax(1) for each in along], [each.shape[1] - 1 - each[:, ::-1].argmax(1) for each in along]
     around = (BEFORE, BEHIND)
-    return np.pad(both, ((0, 0), (0, 0), around, around)).astype(np.float32), ends
+    return np.pad(both, ((0, 0), (0, 0), around, around)), ends
 
 
 def _places(mapped: MappedViews, groups: PlaneGroups) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
