@@ -1,4 +1,4 @@
-"""Listed voxels ask the microlenses about them for what their pixels give back: the transpose of reading views off maps.
+"""Listed voxels ask the microlenses about them for what their pixels give back: the transpose of reading off maps.
 
 Light of pixel q under the microlens at S is centred at  x = x0 + a S + b q  on a plane's map, so that a microlens may
 light a voxel only if S is within (half the width of the voxel's weights plus |b| times half the range of q)/|a| of
@@ -62,7 +62,9 @@ def corrected(
             total = jnp.zeros(length, jnp.float32)
             about = asking, plane, block, lenses, pixels, of_lens, voxels
             total = lax.fori_loop(0, images.shape[0], partial(_of_view, *about), total)
-            number += jnp.where(number < ny * nx, 0, jnp.arange(length, dtype=jnp.int32))  # beside the plane, each elsewhere
+            number += jnp.where(
+                number < ny * nx, 0, jnp.arange(length, dtype=jnp.int32)
+            )  # beside the plane, each elsewhere
             at = volume.at[plane.number, number]
             after = update(at.get(mode="fill", fill_value=0), total)
             return at.set(after, mode="drop", indices_are_sorted=True, unique_indices=True)
@@ -101,7 +103,7 @@ def _of_view(
     moved = None if pixels.moved is None else pixels.moved[n % pixels.moved.shape[0]]
     about, of_view = near(block, lenses, s, t, plane.reach[0], moved), tuple(each[n] for each in of_lens)
     ends = (plane.size - BEHIND).astype(jnp.float32)  # of what is read of a table, along y and x
-    steps = 0, 1, plane.size[1], plane.size[1] + 1
+    weights, steps = jnp.asarray(plane.weights), (0, 1, plane.size[1], plane.size[1] + 1)
 
     def ask(number: int | jax.Array, total: jax.Array) -> jax.Array:
         row, along = number // asking.window[1], number % asking.window[1]
@@ -111,7 +113,7 @@ def _of_view(
         y = jnp.clip(y - voxels.y + (BEFORE - 1.0), 0.0, ends[0])
         i, j = x.astype(jnp.int32), y.astype(jnp.int32)
         at, beyond_x, beyond_y = voxels.table + j * plane.size[1] + i, x - i, y - j
-        one, two, three, four = (plane.weights.at[at + step].get(mode="promise_in_bounds") for step in steps)
+        one, two, three, four = (weights.at[at + step].get(mode="promise_in_bounds") for step in steps)
         above, below = one + beyond_x * (two - one), three + beyond_x * (four - three)
         return total + light * (above + beyond_y * (below - above))
 

@@ -32,6 +32,7 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.projection.plenoptic.plane_maps.views import MappedViews
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 
+
 class PlenopticTables(NamedTuple):
     """What a ``PlenopticForm`` works with, on the device. Of the planes, (1, ...) each plane by itself, and (2, ...) in
     twos, the one way and the other (``MappedViews.pairs``); of ``voxels`` all three."""

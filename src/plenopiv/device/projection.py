@@ -91,7 +91,5 @@ def _forward(form: Form, tables: Any, views: jax.Array, volume: jax.Array) -> ja
 
 
 @partial(jax.jit, static_argnums=0, donate_argnums=4)
-def _back(
-    form: Form, tables: Any, views: jax.Array, images: jax.Array, volume: jax.Array, listed: Any
-) -> jax.Array:
+def _back(form: Form, tables: Any, views: jax.Array, images: jax.Array, volume: jax.Array, listed: Any) -> jax.Array:
     return form.back(tables, views, images, volume, listed, lambda _, total: total)

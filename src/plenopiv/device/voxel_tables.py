@@ -56,7 +56,10 @@ class VoxelTable(NamedTuple):
 
 
 def voxel_tables(
-    mapped: MappedViews, variants: Sequence[PlaneGroups], weights: Sequence[NDArray[np.float32]], q_half: NDArray[np.float64]
+    mapped: MappedViews,
+    variants: Sequence[PlaneGroups],
+    weights: Sequence[NDArray[np.float32]],
+    q_half: NDArray[np.float64],
 ) -> list[tuple[Asking, VoxelTable]]:
     """The tables of all planes in buckets; arguments as of ``plane_tables.buckets``, with the planes' ``weights``."""
     shape = mapped.maps.shape
@@ -124,4 +127,4 @@ def _alike(reach: NDArray[np.float64]) -> list[NDArray[np.int64]]:
 
 def _bucket(found: VoxelTable, reach: NDArray[np.float64], some: NDArray[np.int64]) -> tuple[Asking, VoxelTable]:
     rows, along = (floor(2 * most) + 1 for most in reach[some].max(0))
-    return Asking(some.size, (rows, along)), VoxelTable(*(each[some] for each in found))
+    return Asking(some.size, (rows, along)), VoxelTable._make(each[some] for each in found)
