@@ -62,9 +62,8 @@ def corrected(
             total = jnp.zeros(length, jnp.float32)
             about = asking, plane, block, lenses, pixels, of_lens, voxels
             total = lax.fori_loop(0, images.shape[0], partial(_of_view, *about), total)
-            number += jnp.where(
-                number < ny * nx, 0, jnp.arange(length, dtype=jnp.int32)
-            )  # beside the plane, each elsewhere
+            beside = jnp.arange(length, dtype=jnp.int32)  # the plane, each elsewhere
+            number += jnp.where(number < ny * nx, 0, beside)
             at = volume.at[plane.number, number]
             after = update(at.get(mode="fill", fill_value=0), total)
             return at.set(after, mode="drop", indices_are_sorted=True, unique_indices=True)
@@ -105,8 +104,7 @@ def _of_view(
     ends = (plane.size - BEHIND).astype(jnp.float32)  # of what is read of a table, along y and x
     weights, steps = jnp.asarray(plane.weights), (0, 1, plane.size[1], plane.size[1] + 1)
 
-    def ask(number: int | jax.Array, total: jax.Array) -> jax.Array:
-        row, along = number // asking.window[1], number % asking.window[1]
+    def ask(row: int | jax.Array, along: int, total: jax.Array) -> jax.Array:
         lens = lens_of(block, lenses, about, row, along, plane.reach[1])
         x, y, light = (each.at[lens].get(mode="promise_in_bounds") for each in of_view)
         x = jnp.clip(x - voxels.x + (BEFORE - 1.0), 0.0, ends[1])
@@ -117,8 +115,18 @@ def _of_view(
         above, below = one + beyond_x * (two - one), three + beyond_x * (four - three)
         return total + light * (above + beyond_y * (below - above))
 
-    if (count := asking.window[0] * asking.window[1]) > WRITTEN_OUT:
-        return lax.fori_loop(0, count, ask, total)
-    for number in range(count):
-        total = ask(number, total)
+    def ask_row(row: int | jax.Array, total: jax.Array) -> jax.Array:
+        for along in range(asking.window[1]):
+            total = ask(row, along, total)
+        return total
+
+    if row_by_row(asking):
+        return lax.fori_loop(0, asking.window[0], ask_row, total)
+    for row in range(asking.window[0]):
+        total = ask_row(row, total)
     return total
+
+
+def row_by_row(asking: Asking) -> bool:
+    """Whether a program goes through rows of microlenses, and voxels' sums through memory after each."""
+    return asking.window[0] * asking.window[1] > WRITTEN_OUT

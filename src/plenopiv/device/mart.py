@@ -95,8 +95,8 @@ def correct_views(
     count: jax.Array,
     power: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """The volume, its ``listed`` voxels corrected by the first ``count`` of ``views`` at once, and the sum of squares of
-    what was missing."""
+    """The volume, its ``listed`` voxels corrected by the first ``count`` of ``views`` at once, and the sum of squares
+    of what was missing."""
     is_one = (jnp.arange(views.size) < count)[:, None]
     light = jnp.maximum(form.forward(tables, views, volume), 0.0)
     values, seen = frame.values[views], frame.seen[views] & is_one

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import prod
 
-from plenopiv.device.asking import WRITTEN_OUT
+from plenopiv.device.asking import row_by_row
 from plenopiv.device.plane_tables import Bucket
 from plenopiv.device.planes import map_units
 from plenopiv.device.voxel_tables import Asking
@@ -48,7 +48,7 @@ def reconstruction(
         images += (map_work(bucket, plane).times(times) + placed.times(used)).times(bucket.planes)
     for each in asking:
         lenses = prod(each.window)
-        passes = 1 if lenses <= WRITTEN_OUT else lenses
+        passes = each.window[0] if row_by_row(each) else 1
         asked = Work(FLOAT * OF_VIEW * passes, ASKED * lenses).times(listed * area)
         changed = Work(FLOAT * CHANGED * listed * area)
         back += (changed.times(times) + (asked + placed).times(used)).times(each.planes)
