@@ -53,6 +53,7 @@ def corrected(
     length = listed.voxels.shape[1]
 
     def of_plane(volume: jax.Array, plane: VoxelTable) -> tuple[jax.Array, None]:
+        plane = VoxelTable._make(lax.optimization_barrier(tuple(plane)))
         x, y, lit = footprints(plane.place, plane.off, pixels)
         of_lens = lax.optimization_barrier((x, y, lit * images))
 
@@ -100,7 +101,8 @@ def _of_view(
     (x0, xs, xq, y0, ys, yq), (mx, my) = plane.place, pixels.middle[n]
     s, t = (voxels.middle_x - x0 - xq * mx) / xs, (voxels.middle_y - y0 - yq * my) / ys
     moved = None if pixels.moved is None else pixels.moved[n % pixels.moved.shape[0]]
-    about, of_view = near(block, lenses, s, t, plane.reach[0], moved), tuple(each[n] for each in of_lens)
+    about = near(block, lenses, s, t, plane.reach[0], moved)
+    of_view = lax.optimization_barrier(tuple(each[n] for each in of_lens))
     ends = (plane.size - BEHIND).astype(jnp.float32)  # of what is read of a table, along y and x
     weights, steps = jnp.asarray(plane.weights), (0, 1, plane.size[1], plane.size[1] + 1)
 

@@ -13,7 +13,8 @@ from jax import lax
 
 Grid = tuple[int, int, int]
 
-PART = 64  # of a plane's voxels in a run, at the most
+PART = 16  # of a plane's voxels in a run: a graphics processor works on as many at once
+OF_PROCESSOR = 128  # the same on a processor: shorter runs hold fewer voxels that are not there
 SHORTEST = 1 << 8  # voxels of a run
 SHARE = 0.125  # of all voxels in a list that is planned for, candidates of dense particles
 
@@ -27,8 +28,10 @@ class Listed(NamedTuple):
 
 
 def run_of(grid: Grid) -> int:
-    """The length of runs: a power of two."""
-    return max(SHORTEST, 1 << (grid[1] * grid[2] // PART).bit_length())
+    """The length of runs on the device in use: a power of two."""
+    device = jax.config.jax_default_device or jax.devices()[0]
+    part = OF_PROCESSOR if device.platform == "cpu" else PART
+    return max(SHORTEST, 1 << (grid[1] * grid[2] // part).bit_length())
 
 
 def listed_shape(grid: Grid, share: float) -> Listed:

@@ -42,8 +42,12 @@ def spread(bucket: Bucket, planes: jax.Array, weights: jax.Array) -> jax.Array:
     def of_phase(weights: jax.Array) -> jax.Array:
         if count == 1:
             return _convolved(lit[0], weights[0], (high, wide))
-        dark = jnp.zeros((high, wide), jnp.float32)
-        return lax.fori_loop(0, count, lambda n, light: light + _convolved(lit[n], weights[n], dark.shape), dark)
+
+        def add(n: jax.Array, light: jax.Array) -> jax.Array:
+            of_place, by = lax.optimization_barrier((lit[n], weights[n]))
+            return light + _convolved(of_place, by, (high, wide))
+
+        return lax.fori_loop(0, count, add, jnp.zeros((high, wide), jnp.float32))
 
     return lax.map(of_phase, weights)
 

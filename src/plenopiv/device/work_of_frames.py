@@ -23,6 +23,7 @@ LISTED = 0.06  # share of all voxels that are listed, where they are densely see
 ASKED = 70.0  # operations of a listed voxel and a microlens: which one it is, its place, a weight between four
 OF_VIEW = 7.0  # floats of a listed voxel and a view: its place, its sum; microlenses and weights come from a cache
 CHANGED = 20.0  # floats of a listed voxel and a correction: its number and place, itself, which lies alone in memory
+STARTED = 0.1  # of a program's start: that of one of its steps
 JUDGED = 90.0  # operations of a voxel and a pixel that may rule it out: its place, an area
 SWEPT = 3.0  # floats of a voxel and a judging view
 LEFT = 0.3  # share of the voxels that an average view has left to judge, where they are densely seeded
@@ -45,12 +46,13 @@ def reconstruction(
     area = float(prod(plane))
     placed = Work(FLOAT * READ * pixels, PLACE * pixels)
     for bucket in buckets:
-        images += (map_work(bucket, plane).times(times) + placed.times(used)).times(bucket.planes)
+        steps = Work(calls=STARTED * (4 + bucket.points**2 * bucket.members * bucket.voxels**2))
+        images += ((map_work(bucket, plane) + steps).times(times) + placed.times(used)).times(bucket.planes)
     for each in asking:
         lenses = prod(each.window)
         passes = each.window[0] if row_by_row(each) else 1
-        asked = Work(FLOAT * OF_VIEW * passes, ASKED * lenses).times(listed * area)
-        changed = Work(FLOAT * CHANGED * listed * area)
+        asked = Work(FLOAT * OF_VIEW * passes * listed * area, ASKED * lenses * listed * area, STARTED * (passes + 2))
+        changed = Work(FLOAT * CHANGED * listed * area, calls=STARTED * 6)
         back += (changed.times(times) + (asked + placed).times(used)).times(each.planes)
     candidates = Work()
     for planes, lenses in judged:
