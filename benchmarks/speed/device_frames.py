@@ -48,7 +48,7 @@ def frame(size: tuple[int, int, int]) -> dict[str, Any]:
     seconds = {
         "images": best(_forward, device.form, device.tables, views, volume),
         "back": best(back),
-        "candidates": best(lambda: device.candidates(most, lights), times=2),
+        "candidates": best(lambda: device.candidates(most, lights), times=3),
     }
     counted = one_group(frame_work(projector, SETTINGS))
     stages = {name: {"seconds": seconds[name], **vars(stage)} for name, stage in counted.items()}

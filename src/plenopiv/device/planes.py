@@ -39,6 +39,9 @@ def spread(bucket: Bucket, planes: jax.Array, weights: jax.Array) -> jax.Array:
     lit = lax.optimization_barrier(jnp.pad(lit, ((0, 0), *dark)))
     weights = jnp.moveaxis(weights.reshape(count, *weights.shape[2:]), 1, 0)
 
+    if weights.shape[:2] == (1, 1):
+        return _in_halves(lit[0], weights[0, 0], (high, wide))[None]
+
     def of_phase(weights: jax.Array) -> jax.Array:
         if count == 1:
             return _convolved(lit[0], weights[0], (high, wide))
@@ -50,6 +53,20 @@ def spread(bucket: Bucket, planes: jax.Array, weights: jax.Array) -> jax.Array:
         return lax.fori_loop(0, count, add, jnp.zeros((high, wide), jnp.float32))
 
     return lax.map(of_phase, weights)
+
+
+def _in_halves(lit: jax.Array, weights: jax.Array, shape: tuple[int, int]) -> jax.Array:
+    """``_convolved``, upper and lower rows one after the other, of an odd number one dark row more. What is done once
+    is no loop to the compiler, which then sums all taps anew for each point that a pixel reads."""
+    (high, wide), down = shape, weights.shape[0]
+    half = ceil(high / 2)
+    lit = jnp.pad(lit, ((0, 2 * half - high), (0, 0)))
+
+    def of_half(first: jax.Array) -> jax.Array:
+        rows = lax.optimization_barrier(lax.dynamic_slice_in_dim(lit, first, half + down - 1))
+        return _convolved(rows, weights, (half, wide))
+
+    return lax.map(of_half, jnp.array([0, half])).reshape(2 * half, wide)
 
 
 def _convolved(lit: jax.Array, weights: jax.Array, shape: tuple[int, int]) -> jax.Array:
