@@ -46,9 +46,9 @@ def frame(size: tuple[int, int, int]) -> dict[str, Any]:
     noise = noise_of(values, projector.seen, 0.5, None)
     most, lights, _, _ = judgement(values, projector, SETTINGS, [noise], "frame")
     seconds = {
-        "images": best(_forward, device.form, device.tables, views, volume),
-        "back": best(back),
-        "candidates": best(lambda: device.candidates(most, lights), times=3),
+        "images": best(_forward, device.form, device.tables, views, volume, times=12),
+        "back": best(back, times=12),
+        "candidates": best(lambda: device.candidates(most, lights), times=4),
     }
     counted = one_group(frame_work(projector, SETTINGS))
     stages = {name: {"seconds": seconds[name], **vars(stage)} for name, stage in counted.items()}

@@ -8,7 +8,7 @@ products a point takes, those of voxels how many microlenses they ask.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import prod
+from math import prod, sqrt
 
 from plenopiv.device.asking import row_by_row
 from plenopiv.device.plane_tables import Bucket
@@ -20,13 +20,13 @@ TAP = 4.0  # operations of a voxel's product with a weight: it is read from a ca
 PLACE = 40.0  # operations of a pixel: where it lies on a map, its lit share, what is read there
 READ = 14.0  # floats: the pixel's lens, its place, four points of the map
 LISTED = 0.06  # share of all voxels that are listed, where they are densely seeded
-ASKED = 70.0  # operations of a listed voxel and a microlens: which one it is, its place, a weight between four
+ASKED = 400.0  # operations of a listed voxel and a microlens: its place, and seven reads, each as long as fifty
 OF_VIEW = 7.0  # floats of a listed voxel and a view: its place, its sum; microlenses and weights come from a cache
 CHANGED = 20.0  # floats of a listed voxel and a correction: its number and place, itself, which lies alone in memory
 STARTED = 0.1  # of a program's start: that of one of its steps
 JUDGED = 90.0  # operations of a voxel and a pixel that may rule it out: its place, an area
 SWEPT = 3.0  # floats of a voxel and a judging view
-LEFT = 0.3  # share of the voxels that an average view has left to judge, where they are densely seeded
+LEFT = 0.7  # over the root of the pixels that a voxel may light: share of voxels that an average view has left to judge
 
 
 def reconstruction(
@@ -56,7 +56,7 @@ def reconstruction(
         back += (changed.times(times) + (asked + placed).times(used)).times(each.planes)
     candidates = Work()
     for planes, lenses in judged:
-        candidates += Work(FLOAT * SWEPT * area, JUDGED * lenses * area).times(LEFT * planes * judging)
+        candidates += Work(FLOAT * SWEPT * area, JUDGED * lenses * area).times(LEFT / sqrt(lenses) * planes * judging)
     return {"images": images + Work(calls=times), "back": back, "candidates": candidates}
 
 
