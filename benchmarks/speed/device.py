@@ -1,8 +1,9 @@
-"""Each stage on a device, measured beside what its bandwidth allows:  device.py [gpu | jax-cpu]
+"""Each stage on a device, measured beside what its bandwidth allows:  device.py [gpu | jax-cpu] [frames]
 
 On a graphics processor where there is one, else the same code on this processor. Three sizes of volumes; the shares of
 bandwidth and rate that stages reach are fitted to the middle one and predict the others. Writes device-gpu.json or
-device-jax-cpu.json beside this file, and prints a table.
+device-jax-cpu.json beside this file, and prints a table. With ``frames`` the reconstruction alone is measured anew, and
+the file's rates and pairs stay.
 """
 
 from __future__ import annotations
@@ -43,8 +44,9 @@ def main() -> None:
         device = device_of("jax-cpu")
     with device.in_use():
         print(device.text)
-        rates = bare(device)
-        found = [size(shape) for shape in SHAPES[device.kind]]
+        kept = json.loads((HERE / f"device-{device.kind}.json").read_text()) if "frames" in sys.argv[2:] else None
+        rates = bare(device) if kept is None else Rates(**kept["rates"])
+        found = [size(shape) for shape in SHAPES[device.kind]] if kept is None else kept["pairs"]
         frames = [frame(shape) for shape in SIZES[device.kind]]
     shares = {}
     for sizes in (found, frames):

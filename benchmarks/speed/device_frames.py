@@ -1,7 +1,7 @@
 """Stages of a frame's reconstruction on a device, measured; for device.py.
 
-The paper's PMR 14 camera before volumes of three sizes. One group of views, as MART takes them, forward and back, and
-all of dense ray tracing.
+The paper's PMR 14 camera before volumes of three sizes. One group of views, as MART takes them, forward and back, of as
+many listed voxels as are counted, and all of dense ray tracing.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from plenopiv.device.mart import exponents
 from plenopiv.device.plan import frame_work, one_group
 from plenopiv.device.projection import _back, _forward, on_device
 from plenopiv.device.rates import best
+from plenopiv.device.work_of_frames import LISTED
 from plenopiv.reconstruction.candidates import judgement
 from plenopiv.reconstruction.noise import noise_of
 from plenopiv.reconstruction.settings import ReconstructionSettings
@@ -34,18 +35,20 @@ def frame(size: tuple[int, int, int]) -> dict[str, Any]:
     device, values = on_device(projector), scene.lightfield.values
     (_, together), *_ = exponents(SETTINGS.iterations, SETTINGS.relaxation, projector.views)[-1:]
     views = np.random.default_rng(0).permutation(projector.views)[:together].astype(np.int32)
-    volume = jnp.full(projector.grid.shape, 0.1, jnp.float32)
+    some = np.random.default_rng(1).random(projector.grid.shape) < LISTED
+    volume = jnp.asarray(np.where(some, np.float32(0.1), np.float32(0)))
     images = jnp.asarray(device.form.padded(values[views], views))
+    listed, dark = device.form.listed(volume), jnp.zeros(projector.grid.shape, jnp.float32)
 
     def back() -> Any:
-        return _back(device.form, device.tables, views, images, jnp.zeros(projector.grid.shape, jnp.float32))
+        return _back(device.form, device.tables, views, images, dark + 0.0, listed)
 
     noise = noise_of(values, projector.seen, 0.5, None)
     most, lights, _, _ = judgement(values, projector, SETTINGS, [noise], "frame")
     seconds = {
-        "images": best(_forward, device.form, device.tables, views, volume),
-        "back": best(back),
-        "candidates": best(lambda: device.candidates(most, lights), times=2),
+        "images": best(_forward, device.form, device.tables, views, volume, times=12),
+        "back": best(back, times=12),
+        "candidates": best(lambda: device.candidates(most, lights), times=4),
     }
     counted = one_group(frame_work(projector, SETTINGS))
     stages = {name: {"seconds": seconds[name], **vars(stage)} for name, stage in counted.items()}

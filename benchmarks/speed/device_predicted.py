@@ -21,13 +21,13 @@ from plenopiv.device.backend import device_of
 from plenopiv.device.correlation_memory import BATCH_VOXELS, room
 from plenopiv.device.plan import frame_of, frame_work
 from plenopiv.device.rates import CARDS
+from plenopiv.device.work_of_frames import LISTED
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.reconstruction.tiles import cut
 from plenopiv.volume import VoxelGrid
 
 HOST_CORES = 16
-SENT = 6.0  # bytes a listed voxel, of 6 % of them, there and back
-LISTED = 0.06
+SENT = 6.0  # bytes a listed voxel, there and back
 
 
 def main() -> None:

@@ -17,8 +17,10 @@ from plenopiv.device.correlation_memory import batch_bytes, layers_bytes
 from plenopiv.device.correlation_offset import _sums
 from plenopiv.device.correlation_windows import How, correlated
 from plenopiv.device.plane_tables import Bucket
+from plenopiv.device.planes import map_units
 from plenopiv.device.rates import CARDS, Rates
-from plenopiv.device.work_of_frames import groups_of, map_points, map_work, reconstruction
+from plenopiv.device.voxel_tables import Asking
+from plenopiv.device.work_of_frames import TAP, groups_of, map_work, reconstruction
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.window_pass import WindowPass
 from plenopiv.displacement.windows import window_grid
@@ -90,17 +92,22 @@ def test_one_frame_tells_the_times_of_others():
 
 
 def test_what_a_frame_takes_follows_its_planes_and_views():
-    """Of a bucket of one plane, counted by hand: two products, each from the plane to lines to the map."""
-    bucket = Bucket(planes=1, members=1, points=2, voxels=1, ranks=2, taps=(3, 4), window=(2, 3))
-    rows, columns = 2 * (10 + 2), 2 * (20 + 3)
-    assert map_points(bucket, (10, 20)) == rows * columns
-    line = 10 * 40
+    """Of a bucket of one plane, counted by hand: copied with its borders, read and written for each of four phases; and
+    of two planes that share a map, to which four places in each of them add."""
+    bucket = Bucket(planes=1, members=1, points=2, voxels=1, taps=(3, 4))
+    units = (10 + 2) * (20 + 3)
+    assert map_units(bucket, (10, 20)) == (12, 23)
     spread = map_work(bucket, (10, 20))
-    assert spread.moved == 2 * 4 * (200 + 3 * line + 2 * rows * columns)
-    assert spread.operations == 2 * 2 * (4 * line + 3 * rows * columns)
-    one = reconstruction((10, 20), [bucket], 50, [8], [(1, 6)], 7)
-    twice = reconstruction((10, 20), [bucket, bucket], 50, [8], [(2, 6)], 7)
-    more = reconstruction((10, 20), [bucket], 50, [8, 8], [(1, 6)], 14)
+    assert spread.moved == 4 * (2 * 200 + 4 * (200 + units))
+    assert spread.operations == TAP * 4 * 12 * units
+    shared = Bucket(planes=1, members=2, points=1, voxels=2, taps=(3, 4))
+    units = (5 + 2) * (10 + 3)
+    assert map_work(shared, (10, 20)).moved == 4 * (4 * 200 + 2 * 200 + 8 * 2 * units)
+    assert map_work(shared, (10, 20)).operations == TAP * 8 * 12 * units
+    asking = Asking(planes=1, window=(2, 3))
+    one = reconstruction((10, 20), [bucket], [asking], 50, [8], [(1, 6)], 7)
+    twice = reconstruction((10, 20), [bucket, bucket], [asking, asking], 50, [8], [(2, 6)], 7)
+    more = reconstruction((10, 20), [bucket], [asking], 50, [8, 8], [(1, 6)], 14)
     for name, stage in one.items():
         assert twice[name].moved == pytest.approx(2 * stage.moved)
         assert more[name].operations == pytest.approx(2 * stage.operations)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from plenopiv.cameras.coverage import half_sensor_mm
 from plenopiv.device.in_focus import Touched, judge_together, touched_lenses
-from plenopiv.device.plane_tables import SPLIT, irregularity, reach_in_lattice
+from plenopiv.device.plane_tables import irregularity, reach_in_lattice
 from plenopiv.device.view_places import LensBlock, LensTable, lens_of, lit_part, near, places_mm
 from plenopiv.device.weights import in_plane, patch_area
 from plenopiv.projection.plenoptic.candidates.in_focus import borders_coincide
@@ -34,6 +34,7 @@ SLACK = 0.1  # px by which lit parts of pixels depart from where they are in the
 LONGEST, SHORTEST = 1 << 22, 1 << 12  # runs of a plane's voxels that are judged at once
 FILLED_UP = 1.25  # of the voxels that are left, runs judge at the most, where shorter runs can help it
 VIEWS = 8  # that judge before the voxels that are left are listed anew
+SPLIT = 24  # planes that are left to be judged by one program, at the most, whatever their windows
 ALIKE = 0.6  # of the largest window of a group of planes, the least
 
 

@@ -35,6 +35,16 @@ class Form(Protocol):
     def forward(self, tables: Any, views: jax.Array, volume: jax.Array) -> jax.Array:
         """The volume's light in several views, (views, pixels)."""
 
-    def back(self, tables: Any, views: jax.Array, images: jax.Array, volume: jax.Array, update: Update) -> jax.Array:
-        """``volume`` with its voxels replaced by ``update(voxels, total)``, where ``total`` is the sum of ``images``
-        (views, pixels) over the pixels that each of them lights, by weights."""
+    def back(
+        self, tables: Any, views: jax.Array, images: jax.Array, volume: jax.Array, listed: Any, update: Update
+    ) -> jax.Array:
+        """``volume`` with its ``listed`` voxels replaced by ``update(voxels, total)``, where ``total`` is the sum of
+        ``images`` (views, pixels) over the pixels that each of them lights, by weights. Where nothing is listed, all
+        are."""
+
+    def listed(self, volume: jax.Array, like: Any = None) -> Any:
+        """The voxels of ``volume`` that are not 0, for ``back``; in as much memory as a list ``like`` it takes, if that
+        suffices, so that programs are shared. Reads numbers of voxels from the device."""
+
+    def listed_shape(self, share: float) -> Any:
+        """The shapes of a list of a ``share`` of the voxels."""

@@ -1,8 +1,9 @@
 """MART on the device: ``reconstruction.mart`` with dense volumes, which stay there.
 
 The same groups of views in the same random order, the same exponents, floors, saturated pixels and thinning; a voxel
-that is left out has the value 0, and stays at it. Nothing comes back from the device between the first group of views
-and the last: residuals stay there as well until the end.
+that is left out has the value 0, and stays at it. Those that hold light are listed, and listed anew when thinning has
+left so many fewer. Only their number comes back from the device between the first group of views and the last:
+residuals stay there until the end.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from numpy.typing import NDArray
 
 from plenopiv.device.form import Form
 from plenopiv.reconstruction.mart import THIN_EVERY, TOGETHER, Progress
+
+RELISTED = 0.85  # of the voxels of a list, that may be left before the next one is made
 
 
 class Frame(NamedTuple):
@@ -44,18 +47,22 @@ def mart(
     """The volume (nz, ny, nx) whose views are those of ``frame``, from ``volume``, whose memory it takes; 0 where no
     voxel is. Arguments and residuals as of ``reconstruction.mart.mart``."""
     rng, total = np.random.default_rng(seed), frame.values.shape[0]
-    listed, squares = _lit(volume), list[list[jax.Array]]()
+    lit, squares = _lit(volume), list[list[jax.Array]]()
+    listed, count = form.listed(volume), int(np.asarray(lit).sum())
     for done, (power, together) in enumerate(exponents(iterations, relaxation, total)):
         order, used = rng.permutation(total), 0
         squares.append([])
         while used < total:
             views = order[used : used + together]
             with jax.enable_x64(form.double):
-                volume, left = correct_views(form, tables, frame, volume, *_padded(views, together), np.float32(power))
+                group = *_padded(views, together), np.float32(power)
+                volume, left = correct_views(form, tables, frame, volume, listed, *group)
             squares[-1].append(left)
             before, used = used, used + views.size
             if used // THIN_EVERY > before // THIN_EVERY and done < max(iterations - 1, 1):
-                volume, listed = _thinned(volume, listed, np.float32(thin * min(done + used / total, 1.0)))
+                volume, lit = _thinned(volume, lit, np.float32(thin * min(done + used / total, 1.0)))
+                if (left_over := int(np.asarray(lit).sum())) < RELISTED * count:
+                    listed, count = form.listed(volume, listed), left_over
             if progress:
                 progress(done * total + used, iterations * total)
     equations = max(int(np.asarray(frame.seen.sum())), 1)
@@ -79,9 +86,17 @@ def _padded(views: NDArray[np.int64], together: int) -> tuple[NDArray[np.int32],
 
 @partial(jax.jit, static_argnums=0, donate_argnums=3)
 def correct_views(
-    form: Form, tables: Any, frame: Frame, volume: jax.Array, views: jax.Array, count: jax.Array, power: jax.Array
+    form: Form,
+    tables: Any,
+    frame: Frame,
+    volume: jax.Array,
+    listed: Any,
+    views: jax.Array,
+    count: jax.Array,
+    power: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """The volume corrected by the first ``count`` of ``views`` at once, and the sum of squares of what was missing."""
+    """The volume, its ``listed`` voxels corrected by the first ``count`` of ``views`` at once, and the sum of squares
+    of what was missing."""
     is_one = (jnp.arange(views.size) < count)[:, None]
     light = jnp.maximum(form.forward(tables, views, volume), 0.0)
     values, seen = frame.values[views], frame.seen[views] & is_one
@@ -93,7 +108,7 @@ def correct_views(
         missing = jnp.where(full, jnp.maximum(missing, 0.0), missing)
     corrections = jnp.where(seen, ratio**power - 1.0, 0.0)
     update = partial(_multiplied, count=count, most=views.size)
-    return form.back(tables, views, corrections, volume, update), jnp.sum(jnp.where(seen, missing, 0.0) ** 2)
+    return form.back(tables, views, corrections, volume, listed, update), jnp.sum(jnp.where(seen, missing, 0.0) ** 2)
 
 
 def _multiplied(values: jax.Array, total: jax.Array, count: jax.Array, most: int) -> jax.Array:

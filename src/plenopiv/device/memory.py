@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from plenopiv.device.listed import SHARE
 from plenopiv.device.mart import Frame, correct_views, exponents
 from plenopiv.device.projection import OnDevice, on_device
 from plenopiv.device.several import SeveralOnDevice
@@ -57,11 +58,12 @@ def tile_bytes(device: OnDevice, settings: ReconstructionSettings, saturated: bo
         jax.tree.map(lambda each: _array(each.shape, each.dtype), device.tables),
         _array(form.grid, jnp.float32),
     )
+    listed = form.listed_shape(1.0 if settings.method == "mart" else SHARE)
     most = 0
     for _, together in exponents(settings.iterations, settings.relaxation, views):
         group = _array((together,), jnp.int32), _array((), jnp.int32), _array((), jnp.float32)
         with jax.enable_x64(form.double):
-            used = correct_views.lower(form, tables, frame, volume, *group).compile().memory_analysis()
+            used = correct_views.lower(form, tables, frame, volume, listed, *group).compile().memory_analysis()
         ends = used.argument_size_in_bytes + used.output_size_in_bytes - used.alias_size_in_bytes
         most = max(most, ends + used.temp_size_in_bytes)
     return int(max(most, START[isinstance(device, SeveralOnDevice)] * prod(form.grid) + 4 * prod(pixels)))

@@ -83,10 +83,27 @@ class PinholeForm:
         """The volume's light in several cameras, (views, pixels)."""
         return lax.map(partial(self._image, tables, volume), views)
 
+    def listed(self, volume: jax.Array, like: tuple[()] | None = None) -> tuple[()]:
+        """Nothing: all voxels are (``Form``)."""
+        del volume, like
+        return ()
+
+    def listed_shape(self, share: float) -> tuple[()]:
+        """Nothing."""
+        del share
+        return ()
+
     def back(
-        self, tables: PinholeTable, views: jax.Array, images: jax.Array, volume: jax.Array, update: Update
+        self,
+        tables: PinholeTable,
+        views: jax.Array,
+        images: jax.Array,
+        volume: jax.Array,
+        listed: tuple[()],
+        update: Update,
     ) -> jax.Array:
         """``volume`` with its voxels replaced by ``update(voxels, total)`` (``Form``)."""
+        del listed
         nz, ny, nx = self.grid
 
         def of_plane(volume: jax.Array, k: jax.Array) -> tuple[jax.Array, None]:

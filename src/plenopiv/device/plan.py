@@ -17,7 +17,7 @@ from plenopiv.device.plenoptic import PlenopticOnDevice
 from plenopiv.device.projection import on_device
 from plenopiv.device.rates import bare
 from plenopiv.device.work import Work
-from plenopiv.device.work_of_frames import groups_of, reconstruction
+from plenopiv.device.work_of_frames import LISTED, groups_of, reconstruction
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
@@ -112,8 +112,9 @@ def frame_work(projection: PlenopticProjector, settings: ReconstructionSettings)
         judged = [(found.number.size, window[0] * window[1]) for window, found in device.judges.planes]
         judging = device.judges.order.size
     planes = device.form.buckets if max(groups) == 1 else device.form.twos
-    about = planes, device.form.pixels, groups, judged, judging
-    return FrameWork(reconstruction((ny, nx), *about), len(groups))
+    about = planes, device.form.asking, device.form.pixels, groups, judged, judging
+    listed = 1.0 if settings.method == "mart" else LISTED
+    return FrameWork(reconstruction((ny, nx), *about, listed), len(groups))
 
 
 def one_group(found: FrameWork) -> dict[str, Work]:

@@ -1,14 +1,14 @@
 """Planes of voxels sorted into buckets of equal shapes, and what the device needs of each plane. NumPy alone.
 
 A program is compiled for shapes. All planes of a bucket share one: as many points of their maps to a voxel or voxels to
-a point, and arrays as long as the longest of them needs. The weights of a plane are its outer products
-(``PlaneMaps.factors``), cut into *units*: V voxels, which are P points, along each axis; one of P and V is 1. Tap a of
-a unit is its weight in the points of the a-th unit after it."""
+a point, and arrays as long as the longest of them needs. The weights of a voxel in the points around it are the
+rectangles of ``PlaneMaps``, one for each place of a voxel between points, cut into *units*: V voxels, which are P
+points, along each axis; one of P and V is 1. Tap a of a unit is its weight in the points of the a-th unit after it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import ceil, cos, floor, sin
+from math import ceil, cos, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -17,125 +17,72 @@ from numpy.typing import NDArray
 from plenopiv.projection.plenoptic.geometry import CameraOnGrid, column_of
 from plenopiv.projection.plenoptic.plane_maps.maps import PlaneGroups, PlaneMaps
 from plenopiv.projection.plenoptic.plane_maps.views import MappedViews
-from plenopiv.projection.plenoptic.plane_maps.voxel_rows import LINE_COST
 
-EXACT = 1e-5  # of the largest singular value: outer products of planes whose weights are not left out
 STEPS = "voxel_s", "step_x", "voxel_t", "step_y"  # of ``geometry.Plane``
-MARGIN = 0.02  # microlenses: rounding of a point's place among them
-SPLIT = 24  # planes of a bucket that may be cut in two for the sake of ranks and windows, at least
-GAIN = 0.8  # of the work, that a bucket cut in two may at most take to be worth another program
+MARGIN = 0.02  # microlenses: rounding of a place among them
 
 
 class Bucket(NamedTuple):
     """What the program for a bucket is compiled for: its number of ``planes``, or of groups of planes that share a map,
-    and of ``members`` of a group; ``points`` to a voxel and ``voxels`` to a point along an axis; outer products
-    (``ranks``); taps, and microlenses that may light a point, both along y and x."""
+    and of ``members`` of a group; ``points`` to a voxel and ``voxels`` to a point along an axis; ``taps`` along y and
+    x."""
 
     planes: int
     members: int
     points: int
     voxels: int
-    ranks: int
     taps: tuple[int, int]
-    window: tuple[int, int]
 
 
 class PlaneTable(NamedTuple):
     """Of the groups of a bucket, (groups, ...) each; a plane by itself is a group of one.
 
-    Of each member, (groups, members, ...): ``number`` of the plane in the volume; whether it is ``real``, or there for
-    the sake of shapes and dark; ``down`` and ``across`` (ranks, voxels, taps, points), its weights along y and x. Of
-    the plane that the group is taken to lie in: ``place`` (6,), point of lens (0, 0) at q = 0, and points per mm of s
-    or t and per px of q, of x, then of y; a map's first point is number 1. ``off``: A less that of the first plane of
-    all. ``light``: share of a voxel's light that a wholly lit pixel collects. ``reach`` (2,): half the window of
-    microlenses about a point, in rows, and in microlenses along them."""
+    Of each member, (groups, members, ...): ``number`` of the plane in the volume, and ``weights`` (places, phases, taps
+    along y, along x): of voxels at each place between points, in points at each place between voxels; 0 of a member
+    that is only there for the sake of shapes. Of the plane that the group is taken to lie in: ``place`` (6,), point of
+    lens (0, 0) at q = 0, and points per mm of s or t and per px of q, of x, then of y; a map's first point is number 1.
+    ``off``: A less that of the first plane of all. ``light``: share of a voxel's light that a wholly lit pixel
+    collects."""
 
     number: NDArray[np.int32]
-    real: NDArray[np.bool_]
-    down: NDArray[np.float32]
-    across: NDArray[np.float32]
+    weights: NDArray[np.float32]
     place: NDArray[np.float32]
     off: NDArray[np.float32]
     light: NDArray[np.float32]
-    reach: NDArray[np.float32]
-
-
-class Taps(NamedTuple):
-    """Weights of one plane, (ranks, voxels, taps, points) along y and x."""
-
-    down: NDArray[np.float64]
-    across: NDArray[np.float64]
 
 
 def buckets(
-    mapped: MappedViews, variants: Sequence[PlaneGroups], q_half: NDArray[np.float64]
+    mapped: MappedViews, variants: Sequence[PlaneGroups], weights: Sequence[NDArray[np.float32]]
 ) -> list[tuple[Bucket, PlaneTable]]:
     """The buckets of all planes, in groups; and the table of each for every one of ``variants`` of the groups, which
-    share programs, (variants, groups, ...). ``q_half`` (2,): half of what q of one view's pixels ranges over, along x
-    and y, px, at the most."""
-    shape, nx = mapped.maps.shape, mapped.grid.shape[2]
-    weights = [taps_of(mapped.maps, k, nx) for k in range(len(shape))]
-    reach = window_reach(mapped, q_half)
+    share programs, (variants, groups, ...). ``weights``: ``rectangles_of`` each plane."""
     alike: dict[tuple[int, int], list[int]] = {}
-    for k, (_, _, _, _, points, shift) in enumerate(shape.tolist()):
+    for k, (_, _, _, _, points, shift) in enumerate(mapped.maps.shape.tolist()):
         alike.setdefault((points, 1 << shift), []).append(k)
     found = []
     for (points, voxels), planes in alike.items():
-        for part in _split(planes, weights, reach):
-            groups = [np.flatnonzero(np.isin(each.first[:-1], part)) for each in variants]
-            members = [
-                [np.arange(*each.first[g : g + 2]) for g in own] for each, own in zip(variants, groups, strict=True)
-            ]
-            every = [group for own in members for group in own]
-            met = np.unique(np.concatenate(every)) if every else np.array(part)
-            ranks, taps_y, taps_x = (max(weights[k][a].shape[n] for k in met) for a, n in ((0, 0), (0, 2), (1, 2)))
-            rows, along = (floor(2 * most) + 1 for most in reach[met].max(0))
-            count, most = max(map(len, members)), max((len(group) for group in every), default=1)
-            form = Bucket(count, most, points, voxels, ranks, (taps_y, taps_x), (rows, along))
-            tables = [
-                _table(mapped, form, each.table[own], group, weights, reach)
-                for each, own, group in zip(variants, groups, members, strict=True)
-            ]
-            found.append((form, PlaneTable(*(np.stack(parts) for parts in zip(*tables, strict=True)))))
+        groups = [np.flatnonzero(np.isin(each.first[:-1], planes)) for each in variants]
+        members = [[np.arange(*each.first[g : g + 2]) for g in own] for each, own in zip(variants, groups, strict=True)]
+        taps_y, taps_x = (max(ceil(weights[k].shape[axis] / points) for k in planes) for axis in (2, 3))
+        count, most = max(map(len, members)), max(len(group) for own in members for group in own)
+        form = Bucket(count, most, points, voxels, (taps_y, taps_x))
+        tables = [
+            _table(mapped, form, each.table[own], group, weights)
+            for each, own, group in zip(variants, groups, members, strict=True)
+        ]
+        found.append((form, PlaneTable(*(np.stack(parts) for parts in zip(*tables, strict=True)))))
     return found
 
 
-def taps_of(maps: PlaneMaps, k: int, nx: int) -> Taps:
-    """The weights of plane k. As the kernels take them for a row of ``nx`` listed voxels: by the outer products that
-    are there where these are cheaper than the rectangle around each voxel, else by as many as are that rectangle."""
-    _, width, rows, columns, points, shift = maps.shape[k].tolist()
-    voxels, rank = 1 << shift, int(maps.rank[k])
-    if rank and LINE_COST * rank * (rows + columns * voxels) * width < nx * rows * columns:
-        size = rank * voxels * (rows + columns)
-        each = maps.factors[maps.start[k, 1] :][:size].reshape(rank, -1).astype(np.float64)
-        down, across = each[:, : voxels * rows], each[:, voxels * rows :]
-    else:
-        of_plane = maps.weights[maps.start[k, 0] :][: rows * columns * voxels**2]
-        matrix = of_plane.reshape(voxels, voxels, rows, columns).transpose(0, 2, 1, 3).reshape(voxels * rows, -1)
-        left, strength, right = np.linalg.svd(matrix.astype(np.float64), full_matrices=False)
-        rank = int((strength > EXACT * strength[0]).sum())
-        root = np.sqrt(strength[:rank])
-        down, across = (left[:, :rank] * root).T, right[:rank] * root[:, None]
-    return Taps(_taps(down, voxels, points), _taps(across, voxels, points))
-
-
-def _taps(weights: NDArray[np.float64], voxels: int, points: int) -> NDArray[np.float64]:
-    """Weights (ranks, voxels * length) as (ranks, voxels, taps, points), without what is 0 in all at the end."""
-    each = weights.reshape(len(weights), voxels, -1)
-    length = 1 + int(np.flatnonzero(np.abs(each).max((0, 1)) > 0).max(initial=0))
-    taps = ceil(length / points)
-    out = np.zeros((len(weights), voxels, taps * points))
-    out[:, :, :length] = each[:, :, :length]
-    return out.reshape(len(weights), voxels, taps, points)
-
-
-def window_reach(mapped: MappedViews, q_half: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Half the window of microlenses that may light a point of a plane's map, (nz, 2): rows of them, and microlenses
-    along the rows. A microlens does so if its place is less than a step from the point, along x and y."""
-    lattice, steps = mapped.layout.camera.lattice, _points_per(mapped)
-    wide, high = ((1 + np.abs(steps[:, 2 * a + 1]) * q_half[a]) / np.abs(steps[:, 2 * a]) for a in (0, 1))
-    moved = irregularity(mapped.camera)
-    return reach_in_lattice(lattice.rotation_rad, lattice.pitch_mm, lattice.row_spacing, wide, high, moved)
+def rectangles_of(maps: PlaneMaps, k: int) -> NDArray[np.float32]:
+    """The weights of voxels of plane k in the points around them, (place along y, along x, point along y, along x),
+    without what is 0 in all of them at the end."""
+    _, _, rows, columns, _, shift = maps.shape[k].tolist()
+    voxels = 1 << shift
+    of_plane = maps.weights[maps.start[k, 0] :][: rows * columns * voxels**2].reshape(voxels, voxels, rows, columns)
+    most = np.abs(of_plane).max((0, 1))
+    high, wide = (1 + int(np.flatnonzero(most.max(axis) > 0).max(initial=0)) for axis in (1, 0))
+    return of_plane[:, :, :high, :wide]
 
 
 def reach_in_lattice(
@@ -155,14 +102,13 @@ def irregularity(camera: CameraOnGrid) -> float:
     return max((float(camera.lenses_moved(view)[1]) for view in views), default=0.0)
 
 
-def _points_per(mapped: MappedViews) -> NDArray[np.float64]:
-    """Points of each plane's map per mm of s, px of q along x, mm of t and px of q along y, (nz, 4)."""
-    return _voxel_points(mapped)[:, None] * column_of(mapped.planes, *STEPS).astype(np.float64)
-
-
-def _voxel_points(mapped: MappedViews) -> NDArray[np.float64]:
-    """Points to a voxel along an axis of each plane's map, (nz,)."""
-    return mapped.maps.shape[:, 4] / 2.0 ** mapped.maps.shape[:, 5]
+def place_of(mapped: MappedViews, first: int, constants: NDArray[np.float32]) -> NDArray[np.float64]:
+    """``PlaneTable.place`` of a group whose ``first`` plane this is, taken to lie where ``constants`` (14,) say."""
+    *_, points, shift = mapped.maps.shape[first].tolist()
+    per_voxel = points / 2.0**shift
+    at = mapped.maps.border[first] - 1 - per_voxel * np.array([mapped.cam.x0, mapped.cam.y0], np.float64)
+    s, x, t, y = per_voxel * column_of(constants[None], *STEPS)[0].astype(np.float64)
+    return np.array([at[0], s, x, at[1], t, y])
 
 
 def _table(
@@ -170,53 +116,25 @@ def _table(
     form: Bucket,
     constants: NDArray[np.float32],
     groups: list[NDArray[np.int64]],
-    weights: list[Taps],
-    reach: NDArray[np.float64],
+    weights: Sequence[NDArray[np.float32]],
 ) -> PlaneTable:
     """The table of some groups of planes, taken to lie where ``constants`` (groups, 14) say; with groups of none at the
     end, as many as ``form`` has more."""
-    number = np.zeros((form.planes, form.members), np.int32)
-    real, place = np.zeros(number.shape, bool), np.ones((form.planes, 6))
-    down, across = (np.zeros((*number.shape, form.ranks, form.voxels, taps, form.points)) for taps in form.taps)
-    off, light, about = np.zeros(form.planes), np.zeros(form.planes), np.zeros((form.planes, 2))
+    number, place = np.zeros((form.planes, form.members), np.int32), np.ones((form.planes, 6))
+    out = np.zeros((*number.shape, form.voxels**2, form.points**2, *form.taps), np.float32)
+    off, light = np.zeros(form.planes), np.zeros(form.planes)
     spread = column_of(mapped.planes, "spread")[0]
     for g, (group, plane) in enumerate(zip(groups, constants, strict=True)):
         for m, k in enumerate(group):
-            number[g, m], real[g, m] = k, True
-            for out, taps in zip((down, across), weights[k][:2], strict=True):
-                out[g, m, : taps.shape[0], :, : taps.shape[2]] = taps
-        points = _voxel_points(mapped)[group[0]]
-        first = mapped.maps.border[group[0]] - 1 - points * np.array([mapped.cam.x0, mapped.cam.y0], np.float64)
-        s, x, t, y = points * column_of(plane[None], *STEPS)[0].astype(np.float64)
-        place[g] = first[0], s, x, first[1], t, y
+            number[g, m], out[g, m] = k, _in_units(form, weights[k])
+        place[g] = place_of(mapped, group[0], plane)
         off[g], light[g] = column_of(plane[None], "spread")[0] - spread, column_of(plane[None], "light")[0]
-        about[g] = reach[group].max(0)
-    numbers = (each.astype(np.float32) for each in (down, across, place, off, light, about))
-    return PlaneTable(number, real, *numbers)
+    return PlaneTable(number, out, *(each.astype(np.float32) for each in (place, off, light)))
 
 
-def _split(planes: list[int], weights: list[Taps], reach: NDArray[np.float64]) -> list[list[int]]:
-    """Planes of as many points to a voxel in one list, or in several where that saves much work."""
-    if len(planes) < SPLIT:
-        return [planes]
-    cuts = []
-    orders = [sorted(planes, key=lambda k: tuple(reach[k]))]
-    if weights[planes[0]].down.shape[1] == 1:  # else neighbours may share a map
-        orders.append(sorted(planes, key=lambda k: len(weights[k].down)))
-    for order in orders:
-        for at in range(1, len(order)):
-            parts = order[:at], order[at:]
-            cuts.append((sum(_work(part, weights, reach) for part in parts), parts))
-    least, best = min(cuts, key=lambda cut: cut[0])
-    if least > GAIN * _work(planes, weights, reach):
-        return [planes]
-    return [part for half in best for part in _split(half, weights, reach)]
-
-
-def _work(planes: list[int], weights: list[Taps], reach: NDArray[np.float64]) -> float:
-    """Time that some planes take in one bucket: products for each point, and microlenses about it, which take several
-    times as long and come once for each view."""
-    ranks = max(len(weights[k].down) for k in planes)
-    phases, taps = (max(weights[k].down.shape[axis] for k in planes) for axis in (1, 2))
-    rows, along = (floor(2 * most) + 1 for most in reach[planes].max(0))
-    return len(planes) * (4 * ranks * taps * phases + 60 * rows * along)
+def _in_units(form: Bucket, weights: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Rectangles of weights as (places, phases, taps along y, along x)."""
+    (high, wide), points = form.taps, form.points
+    more = [(0, n * points - size) for n, size in zip((high, wide), weights.shape[2:], strict=True)]
+    units = np.pad(weights, ((0, 0), (0, 0), *more)).reshape(form.voxels**2, high, points, wide, points)
+    return units.transpose(0, 2, 4, 1, 3).reshape(form.voxels**2, points**2, high, wide)

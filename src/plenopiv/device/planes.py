@@ -1,13 +1,14 @@
-"""A plane of voxels spread into its map, and summed from it: convolutions with the plane's outer products, in JAX.
+"""A plane of voxels spread into its map, and views read off it, in JAX.
 
-Both are sums of shifted slices, each times a number: what a voxel or a point gets is added up in one order, always the
-same, without a library that might choose another. A compiler makes one loop of each pass, which reads and writes a
-plane once; on a processor it takes a seventh of the time of products of banded matrices.
+A point of the map is the sum of the voxels about it by their weights: shifted slices, each times a number, added up in
+one order, always the same, without a library that might choose another. A compiler makes one loop of it, which reads
+the plane and writes the map once. A map is kept by *phases*: all points at the first place between voxels, then all at
+the second, and so on, as each phase has weights of its own.
 """
 
 from __future__ import annotations
 
-from math import ceil
+from math import ceil, prod
 
 import jax
 import jax.numpy as jnp
@@ -15,65 +16,90 @@ from jax import lax
 
 from plenopiv.device.plane_tables import Bucket
 
-PAD = 1, 2  # dark points before and after a map, so that places beside it can be read too
+BEFORE, BEHIND = 1, 2  # dark units around a map, so that places beside it can be read too
+WRITTEN_OUT = 150  # taps whose sum is written out as one loop; more take long to compile
 
 
-def map_shape(bucket: Bucket, plane: tuple[int, int]) -> tuple[int, int]:
-    """Rows and columns of the map of a plane (ny, nx), without its dark borders."""
-    units = (ceil(n / bucket.voxels) + taps - 1 for n, taps in zip(plane, bucket.taps, strict=True))
-    rows, columns = (n * bucket.points for n in units)
+def map_units(bucket: Bucket, plane: tuple[int, int]) -> tuple[int, int]:
+    """Rows and columns of units of the map of a plane (ny, nx), without dark ones."""
+    rows, columns = (ceil(n / bucket.voxels) + taps - 1 for n, taps in zip(plane, bucket.taps, strict=True))
     return rows, columns
 
 
-def spread(bucket: Bucket, plane: jax.Array, down: jax.Array, across: jax.Array) -> jax.Array:
-    """The map of a plane (ny, nx) of voxels, with dark borders PAD. ``down``, ``across``: of ``PlaneTable``."""
-    voxels, points = bucket.voxels, bucket.points
-    rows, columns = (ceil(n / voxels) for n in plane.shape)
-    ahead_y, ahead_x = (taps - 1 for taps in bucket.taps)
-    wide, high = columns + ahead_x, rows + ahead_y
-    lit = jnp.pad(plane, [(0, n * voxels - size) for n, size in zip((rows, columns), plane.shape, strict=True)])
-    lit = jnp.moveaxis(lit.reshape(rows * voxels, columns, voxels), 2, 0)
-    lit = lax.optimization_barrier(jnp.pad(lit, ((0, 0), (0, 0), (ahead_x, ahead_x))))
+def spread(bucket: Bucket, planes: jax.Array, weights: jax.Array) -> jax.Array:
+    """The map of planes (members, ny, nx) of voxels that share it, (phases, rows, columns) of units with dark borders.
+    ``weights``: of ``PlaneTable``, of one group."""
+    voxels, count = bucket.voxels, bucket.members * bucket.voxels**2
+    high, wide = (n + BEFORE + BEHIND for n in map_units(bucket, planes.shape[1:]))
+    rows, columns = (ceil(n / voxels) for n in planes.shape[1:])
+    more = [(0, n * voxels - size) for n, size in zip((rows, columns), planes.shape[1:], strict=True)]
+    lit = jnp.pad(planes, ((0, 0), *more)).reshape(-1, rows, voxels, columns, voxels)
+    lit = lit.transpose(0, 2, 4, 1, 3).reshape(count, rows, columns)
+    dark = [(taps - 1 + BEFORE, taps - 1 + BEHIND) for taps in bucket.taps]
+    lit = lax.optimization_barrier(jnp.pad(lit, ((0, 0), *dark)))
+    weights = jnp.moveaxis(weights.reshape(count, *weights.shape[2:]), 1, 0)
 
-    def add(r: jax.Array, light: jax.Array) -> jax.Array:
-        of_x, of_y = across[r], down[r]
-        line = sum(
-            lit[v, :, ahead_x - a : ahead_x - a + wide, None] * of_x[v, a] for v, a in _taps(voxels, ahead_x + 1)
-        )
-        line = line.reshape(rows, voxels, wide * points)
-        line = lax.optimization_barrier(jnp.pad(line, ((ahead_y, ahead_y), (0, 0), (0, 0))))
-        return light + sum(
-            line[ahead_y - a : ahead_y - a + high, v][:, None] * of_y[v, a, :, None]
-            for v, a in _taps(voxels, ahead_y + 1)
-        )
+    if weights.shape[:2] == (1, 1):
+        return _in_halves(lit[0], weights[0, 0], (high, wide))[None]
 
-    light = lax.fori_loop(0, bucket.ranks, add, jnp.zeros((high, points, wide * points), jnp.float32))
-    return jnp.pad(light.reshape(high * points, wide * points), (PAD, PAD))
+    def of_phase(weights: jax.Array) -> jax.Array:
+        if count == 1:
+            return _convolved(lit[0], weights[0], (high, wide))
 
+        def add(n: jax.Array, light: jax.Array) -> jax.Array:
+            of_place, by = lax.optimization_barrier((lit[n], weights[n]))
+            return light + _convolved(of_place, by, (high, wide))
 
-def collect(bucket: Bucket, light: jax.Array, down: jax.Array, across: jax.Array, plane: tuple[int, int]) -> jax.Array:
-    """For each voxel of a plane (ny, nx) the sum of the points of its map ``light`` (without dark borders) by its
-    weights: the transpose of ``spread``."""
-    voxels, points = bucket.voxels, bucket.points
-    rows, columns = (ceil(n / voxels) for n in plane)
-    ahead_y, ahead_x = (taps - 1 for taps in bucket.taps)
-    wide = columns + ahead_x
-    light = light.reshape(rows + ahead_y, points, wide * points)
+        return lax.fori_loop(0, count, add, jnp.zeros((high, wide), jnp.float32))
 
-    def add(r: jax.Array, total: jax.Array) -> jax.Array:
-        of_x, of_y = across[r], down[r]
-        line = sum(
-            light[a : a + rows, p][:, None] * of_y[:, a, p, None] for p, a in _taps(points, ahead_y + 1)
-        )  # (rows, voxels, points along x)
-        line = lax.optimization_barrier(line.reshape(rows * voxels, wide, points))
-        return total + sum(
-            line[None, :, a : a + columns, p] * of_x[:, a, p, None, None] for p, a in _taps(points, ahead_x + 1)
-        )
-
-    total = lax.fori_loop(0, bucket.ranks, add, jnp.zeros((voxels, rows * voxels, columns), jnp.float32))
-    return jnp.moveaxis(total, 0, 2).reshape(rows * voxels, columns * voxels)[: plane[0], : plane[1]]
+    return lax.map(of_phase, weights)
 
 
-def _taps(count: int, taps: int) -> list[tuple[int, int]]:
-    """(phase, tap) of all terms of a pass."""
-    return [(phase, tap) for phase in range(count) for tap in range(taps)]
+def _in_halves(lit: jax.Array, weights: jax.Array, shape: tuple[int, int]) -> jax.Array:
+    """``_convolved``, upper and lower rows one after the other, of an odd number one dark row more. What is done once
+    is no loop to the compiler, which then sums all taps anew for each point that a pixel reads."""
+    (high, wide), down = shape, weights.shape[0]
+    half = ceil(high / 2)
+    lit = jnp.pad(lit, ((0, 2 * half - high), (0, 0)))
+
+    def of_half(first: jax.Array) -> jax.Array:
+        rows = lax.optimization_barrier(lax.dynamic_slice_in_dim(lit, first, half + down - 1))
+        return _convolved(rows, weights, (half, wide))
+
+    return lax.map(of_half, jnp.array([0, half])).reshape(2 * half, wide)
+
+
+def _convolved(lit: jax.Array, weights: jax.Array, shape: tuple[int, int]) -> jax.Array:
+    """The sum of ``lit`` shifted by so many units, each by its weight (taps along y, along x)."""
+    high, wide = shape
+    down, across = weights.shape
+
+    def of_row(rows: jax.Array, weights: jax.Array) -> jax.Array:
+        return sum(rows[:, across - 1 - a :][:, :wide] * weights[a] for a in range(across))
+
+    if prod(weights.shape) <= WRITTEN_OUT:
+        return sum(of_row(lit[down - 1 - a :][:high], weights[a]) for a in range(down))
+    return lax.fori_loop(
+        0,
+        down,
+        lambda a, light: light + of_row(lax.dynamic_slice_in_dim(lit, down - 1 - a, high), weights[a]),
+        jnp.zeros(shape, jnp.float32),
+    )
+
+
+def read(bucket: Bucket, light: jax.Array, x: jax.Array, y: jax.Array) -> jax.Array:
+    """A map of ``spread`` at places (views, lens), points of columns and rows, the first of which is number 1, between
+    points linearly; 0 beside the map."""
+    points, (_, high, wide) = bucket.points, light.shape
+    rows, columns = ((n - BEFORE - BEHIND) * points for n in (high, wide))
+    x, y = jnp.clip(x, 0.0, columns + 1.0), jnp.clip(y, 0.0, rows + 1.0)
+    i, j = x.astype(jnp.int32), y.astype(jnp.int32)
+    beyond_x, beyond_y, flat = x - i, y - j, light.reshape(-1)
+    i, j = i + (BEFORE * points - 1), j + (BEFORE * points - 1)  # from the first dark point on
+    of_row = [(n % points) * (points * high * wide) + (n // points) * wide for n in (j, j + 1)]
+    of_column = [(n % points) * (high * wide) + n // points for n in (i, i + 1)]
+    one, two, three, four = (
+        flat.at[row + column].get(mode="promise_in_bounds") for row in of_row for column in of_column
+    )
+    above, below = one + beyond_x * (two - one), three + beyond_x * (four - three)
+    return above + beyond_y * (below - above)

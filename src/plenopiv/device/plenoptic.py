@@ -1,14 +1,10 @@
 """A plenoptic camera on the device: a volume's light in a few views, and what their pixels give back, by plane maps.
 
 Forward, each plane is spread into its map, and each view is read off it between four points. Back is the transpose,
-made of reads alone: a point of a map adds up what the microlenses about it have for it. Which these are follows from
-the lattice: light of pixel q under the microlens at S is centred at  x = x0 + a S + b q,  so that a microlens may light
-a point only if S is within (1 + |b| times half the range of q)/|a| of where the point's own S would be, a window of a
-few microlenses. The places themselves are those that forward reads at. No two sums meet in one place, so that nothing
-waits for anything, and nothing depends on the order in which threads arrive.
+made of reads alone: listed voxels ask the microlenses about them (``asking``).
 
-Each view of a group is read off the same map, and written into the same, and planes far from focus share maps in twos
-where several views come at once, as in ``plane_maps``.
+Each view of a group is read off the same map, and planes far from focus share maps in twos where several views come at
+once, as in ``plane_maps``.
 """
 
 from __future__ import annotations
@@ -24,36 +20,39 @@ import numpy as np
 from jax import lax
 from numpy.typing import ArrayLike, NDArray
 
+from plenopiv.device.asking import corrected
 from plenopiv.device.candidates import Judges, candidate_voxels, judges, visible_voxels
 from plenopiv.device.form import Update
-from plenopiv.device.plane_tables import Bucket, PlaneTable, buckets
-from plenopiv.device.planes import PAD, collect, map_shape, spread
-from plenopiv.device.view_places import LensBlock, LensTable, Pixels, lens_of, near, pixels_of
+from plenopiv.device.listed import Listed, listed, listed_shape
+from plenopiv.device.plane_tables import Bucket, PlaneTable, buckets, rectangles_of
+from plenopiv.device.planes import read, spread
+from plenopiv.device.view_places import LensBlock, LensTable, footprints, pixels_of
+from plenopiv.device.voxel_tables import Asking, VoxelTable, voxel_tables
 from plenopiv.errors import PlenoPIVError
 from plenopiv.projection.plenoptic.plane_maps.views import MappedViews
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 
-WRITTEN_OUT = 32  # microlenses about a point whose sum is written out, as one loop; more take as long to compile
-
 
 class PlenopticTables(NamedTuple):
     """What a ``PlenopticForm`` works with, on the device. Of the planes, (1, ...) each plane by itself, and (2, ...) in
-    twos, the one way and the other (``MappedViews.pairs``)."""
+    twos, the one way and the other (``MappedViews.pairs``); of ``voxels`` all three."""
 
     lenses: LensTable
     planes: tuple[PlaneTable, ...]
     twos: tuple[PlaneTable, ...]
+    voxels: tuple[VoxelTable, ...]
 
 
 @dataclass(frozen=True)
 class PlenopticForm:
-    """What programs for a camera and a grid are compiled for: ``buckets`` of planes by themselves, and in ``twos``.
-    Views are (view, lens) float32, lenses with their ring."""
+    """What programs for a camera and a grid are compiled for: ``buckets`` of planes by themselves, and in ``twos``;
+    ``asking``: of planes whose voxels ask alike. Views are (view, lens) float32, lenses with their ring."""
 
     grid: tuple[int, int, int]
     lenses: LensBlock
     buckets: tuple[Bucket, ...]
     twos: tuple[Bucket, ...]
+    asking: tuple[Asking, ...]
 
     @property
     def pixels(self) -> int:
@@ -82,35 +81,38 @@ class PlenopticForm:
         for bucket, planes in self._groups(tables, views):
 
             def add(light: jax.Array, group: PlaneTable, bucket: Bucket = bucket) -> tuple[jax.Array, None]:
-                shared = sum(
-                    spread(bucket, lax.dynamic_index_in_dim(volume, group.number[m], keepdims=False), *weights)
-                    for m, weights in enumerate(zip(group.down, group.across, strict=True))
-                )
-                x, y, lit = _places(group, pixels)
-                return light + group.light * lit * _read(lax.optimization_barrier(shared), x, y), None
+                shared = lax.optimization_barrier(spread(bucket, volume[group.number], group.weights))
+                x, y, lit = footprints(group.place, group.off, pixels)
+                return light + group.light * lit * read(bucket, shared, x, y), None
 
             light, _ = lax.scan(add, light, planes)
         return light
 
     def back(
-        self, tables: PlenopticTables, views: jax.Array, images: jax.Array, volume: jax.Array, update: Update
+        self,
+        tables: PlenopticTables,
+        views: jax.Array,
+        images: jax.Array,
+        volume: jax.Array,
+        listed: Listed,
+        update: Update,
     ) -> jax.Array:
-        """``volume`` with each plane (ny, nx) replaced by ``update(plane, total)``: of each voxel the sum of ``images``
-        (views, lens) over the pixels that it lights, by weights, but for the planes' ``light``."""
-        pixels = pixels_of(tables.lenses, views)
-        for bucket, planes in self._groups(tables, views):
-
-            def add(volume: jax.Array, group: PlaneTable, bucket: Bucket = bucket) -> tuple[jax.Array, None]:
-                light = self._written(bucket, group, tables.lenses, pixels, images)
-                for m in range(bucket.members):
-                    total = collect(bucket, light, group.down[m], group.across[m], self.grid[1:])
-                    before = lax.dynamic_index_in_dim(volume, group.number[m], keepdims=False)
-                    after = jnp.where(group.real[m], update(before, total), before)
-                    volume = lax.dynamic_update_index_in_dim(volume, after, group.number[m], 0)
-                return volume, None
-
-            volume, _ = lax.scan(add, volume, planes)
+        """``volume`` (nz, ny, nx) with its ``listed`` voxels replaced by ``update(voxels, total)``: of each the sum of
+        ``images`` (views, lens) over the pixels that it lights, by weights, but for the planes' ``light``."""
+        pixels, variant = pixels_of(tables.lenses, views), 1 + views[0] % 2 if views.size > 1 else 0
+        for asking, voxels in zip(self.asking, tables.voxels, strict=True):
+            planes = voxels._replace(place=voxels.place[:, variant], off=voxels.off[:, variant])
+            about = asking, planes, self.lenses, tables.lenses, pixels, images
+            volume = corrected(*about, listed, volume, update)
         return volume
+
+    def listed(self, volume: jax.Array, like: Listed | None = None) -> Listed:
+        """The voxels of a volume that are not 0 (``Form``)."""
+        return listed(volume, 0 if like is None else len(like.voxels))
+
+    def listed_shape(self, share: float) -> Listed:
+        """What holds a ``share`` of the voxels (``Form``)."""
+        return listed_shape(self.grid, share)
 
     def _groups(self, tables: PlenopticTables, views: jax.Array) -> Iterator[tuple[Bucket, PlaneTable]]:
         """The buckets for so many views, and their tables: in twos, either way, where there are several."""
@@ -119,65 +121,6 @@ class PlenopticForm:
         tables_of = tables.twos if several else tables.planes
         for bucket, planes in zip(self.twos if several else self.buckets, tables_of, strict=True):
             yield bucket, PlaneTable(*(each[way] for each in planes))
-
-    def _written(
-        self, bucket: Bucket, plane: PlaneTable, lenses: LensTable, pixels: Pixels, images: jax.Array
-    ) -> jax.Array:
-        """The map (rows, columns) that ``images`` give: the transpose of ``_read``."""
-        rows, columns = map_shape(bucket, self.grid[1:])
-        x, y, lit = _places(plane, pixels)
-        x, y, value = lax.optimization_barrier((x, y, lit * images))
-        row = 1.0 + jnp.arange(rows, dtype=jnp.float32)[:, None]
-        column = 1.0 + jnp.arange(columns, dtype=jnp.float32)[None]
-        x0, xs, xq, y0, ys, yq = plane.place
-
-        def add(n: jax.Array, light: jax.Array) -> jax.Array:
-            middle, of_view = pixels.middle[n], (x[n], y[n], value[n])
-            s, t = (column - x0 - xq * middle[0]) / xs, (row - y0 - yq * middle[1]) / ys
-            moved = None if pixels.moved is None else pixels.moved[n % pixels.moved.shape[0]]
-            about = near(self.lenses, lenses, s, t, plane.reach[0], moved)
-
-            def of_lens(number: int | jax.Array, light: jax.Array) -> jax.Array:
-                along, across = number % bucket.window[1], number // bucket.window[1]
-                lens = lens_of(self.lenses, lenses, about, across, along, plane.reach[1])
-                at_x, at_y, light_of = (each.at[lens].get(mode="promise_in_bounds") for each in of_view)
-                return light + light_of * _hat(column - at_x) * _hat(row - at_y)
-
-            if (count := bucket.window[0] * bucket.window[1]) > WRITTEN_OUT:
-                return lax.fori_loop(0, count, of_lens, light)
-            for number in range(count):
-                light = of_lens(number, light)
-            return light
-
-        return lax.fori_loop(0, images.shape[0], add, jnp.zeros((rows, columns), jnp.float32))
-
-
-def _places(plane: PlaneTable, pixels: Pixels) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Where the footprints of pixels are centred on a plane's map, columns and rows (views, lens), and lit shares. By
-    themselves, so that forward and back have the same bits."""
-    x0, xs, xq, y0, ys, yq = plane.place
-    x = x0 + xs * pixels.s + xq * (pixels.qx + plane.off * pixels.dqx)
-    y = y0 + ys * pixels.t + yq * (pixels.qy + plane.off * pixels.dqy)
-    return lax.optimization_barrier((x, y, pixels.lit + plane.off * pixels.dlit))
-
-
-def _read(light: jax.Array, x: jax.Array, y: jax.Array) -> jax.Array:
-    """A map with dark borders at places (views, lens), between points linearly; 0 beside the map."""
-    rows, columns = (n - sum(PAD) for n in light.shape)
-    x, y = jnp.clip(x, 0.0, columns + 1.0), jnp.clip(y, 0.0, rows + 1.0)
-    i, j = x.astype(jnp.int32), y.astype(jnp.int32)
-    beyond_x, beyond_y, at = x - i, y - j, j * light.shape[1] + i
-    flat = light.reshape(-1)
-    one, two, three, four = (
-        flat.at[at + step].get(mode="promise_in_bounds") for step in (0, 1, light.shape[1], light.shape[1] + 1)
-    )
-    above, below = one + beyond_x * (two - one), three + beyond_x * (four - three)
-    return above + beyond_y * (below - above)
-
-
-def _hat(distance: jax.Array) -> jax.Array:
-    """Share of a place so many steps from a point."""
-    return jnp.maximum(1.0 - jnp.abs(distance), 0.0)
 
 
 @dataclass(frozen=True)
@@ -210,12 +153,15 @@ class PlenopticOnDevice:
         block = LensBlock(where.ni, where.nj, where.camera.lattice.kind == "hexagonal")
         low, high = ranges_of_q(mapped)
         half = ((high - low) / 2).max(0, initial=0.0)
-        forms, planes = zip(*buckets(mapped, [mapped.singles], half), strict=True)
-        twos, planes_in_twos = zip(*buckets(mapped, mapped.pairs, half), strict=True)
-        tables = PlenopticTables(lens_table(mapped, block, (low + high) / 2), planes, planes_in_twos)
+        weights = [rectangles_of(mapped.maps, k) for k in range(host.grid.shape[0])]
+        forms, planes = zip(*buckets(mapped, [mapped.singles], weights), strict=True)
+        twos, planes_in_twos = zip(*buckets(mapped, mapped.pairs, weights), strict=True)
+        asking, voxels = zip(*voxel_tables(mapped, [mapped.singles, *mapped.pairs], weights, half), strict=True)
+        tables = PlenopticTables(lens_table(mapped, block, (low + high) / 2), planes, planes_in_twos, voxels)
         nz, ny, nx = host.grid.shape
         rows = tile_rows(ny) if alike and host.is_tile else ny
-        return cls(host, PlenopticForm((nz, rows, nx), block, forms, twos), jax.tree.map(jnp.asarray, tables), half)
+        form = PlenopticForm((nz, rows, nx), block, forms, twos, asking)
+        return cls(host, form, jax.tree.map(jnp.asarray, tables), half)
 
     @cached_property
     def judges(self) -> Judges:

@@ -80,7 +80,8 @@ def gather(device: OnDevice, views: ArrayLike, images: NDArray[np.float32]) -> N
     seen = device.form.padded(np.where(device.host.seen[numbers], images, np.float32(0)), numbers)
     dark = jnp.zeros(device.form.grid, jnp.float32)
     with jax.enable_x64(device.form.double):
-        found = np.asarray(_back(device.form, device.tables, numbers, seen, dark))
+        every = device.form.listed(jnp.ones(device.form.grid, jnp.float32))
+        found = np.asarray(_back(device.form, device.tables, numbers, seen, dark, every))
     return found[:, : device.host.grid.shape[1]]
 
 
@@ -90,5 +91,5 @@ def _forward(form: Form, tables: Any, views: jax.Array, volume: jax.Array) -> ja
 
 
 @partial(jax.jit, static_argnums=0, donate_argnums=4)
-def _back(form: Form, tables: Any, views: jax.Array, images: jax.Array, volume: jax.Array) -> jax.Array:
-    return form.back(tables, views, images, volume, lambda _, total: total)
+def _back(form: Form, tables: Any, views: jax.Array, images: jax.Array, volume: jax.Array, listed: Any) -> jax.Array:
+    return form.back(tables, views, images, volume, listed, lambda _, total: total)

@@ -2,7 +2,8 @@
 
 A stage takes as long as the slower of the two, divided by the share of it that the stage reaches. Shares of this
 processor were fitted to one size (benchmarks/speed/device.py). Those of graphics processors are assumptions until they
-are measured: half of the bandwidth or rate where whole arrays stream through, a quarter where data decide what is read.
+are measured: half of the bandwidth or rate where whole arrays stream through, or reads from a cache are counted as
+operations, a quarter where data decide what is read.
 """
 
 from __future__ import annotations
@@ -18,15 +19,15 @@ from plenopiv.device.backend import Device
 from plenopiv.device.work import Work
 
 USUAL = 0.5  # share of bandwidth and rate
-ASSUMED = {"deformation": 0.25, "offset": 0.25, "images": 0.5, "back": 0.25, "candidates": 0.25}
+ASSUMED = {"deformation": 0.25, "offset": 0.25, "images": 0.5, "back": 0.5, "candidates": 0.25}
 FITTED = {  # the caches of this processor hold a batch, and a map
     "deformation": 0.43,
     "windows": 2.1,
     "last windows": 2.4,
     "offset": 1.5,
-    "images": 1.4,
-    "back": 0.94,
-    "candidates": 0.078,
+    "images": 1.2,
+    "back": 0.77,
+    "candidates": 0.15,
 }
 
 

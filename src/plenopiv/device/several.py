@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.cameras.pose import Pose
 from plenopiv.device.form import Update
+from plenopiv.device.listed import Listed
 from plenopiv.device.plenoptic import PlenopticForm, PlenopticOnDevice, PlenopticTables
 from plenopiv.projection.several_cameras import SeveralCameras
 
@@ -86,15 +87,30 @@ class SeveralForm:
         views: jax.Array,
         images: jax.Array,
         volume: jax.Array,
+        listed: tuple[Listed, ...],
         update: Update,
     ) -> jax.Array:
         """``volume`` with its voxels replaced by ``update(voxels, total)`` (``Form``)."""
         total = jnp.zeros_like(volume)
-        for form, pose, of_camera, own in zip(self.forms, self.poses, tables, self._own(views), strict=True):
+        cameras = zip(self.forms, self.poses, tables, self._own(views), listed, strict=True)
+        for form, pose, of_camera, own, voxels in cameras:
             light = jnp.where(own.mine[:, None], images[own.order, : form.pixels], 0.0)
-            found = form.back(of_camera, own.numbers, light, jnp.zeros(form.grid, jnp.float32), lambda _, sums: sums)
+            dark = jnp.zeros(form.grid, jnp.float32)
+            found = form.back(of_camera, own.numbers, light, dark, voxels, lambda _, sums: sums)
             total = total + turned(found, pose.inverse())
         return update(volume, total)
+
+    def listed(self, volume: jax.Array, like: tuple[Listed, ...] | None = None) -> tuple[Listed, ...]:
+        """The voxels of a volume that are not 0, as each camera has them (``Form``)."""
+        several = like or [None] * len(self.forms)
+        return tuple(
+            form.listed(turned(volume, pose), one)
+            for form, pose, one in zip(self.forms, self.poses, several, strict=True)
+        )
+
+    def listed_shape(self, share: float) -> tuple[Listed, ...]:
+        """What holds a ``share`` of the voxels, for each camera (``Form``)."""
+        return tuple(form.listed_shape(share) for form in self.forms)
 
     def _own(self, views: jax.Array) -> list[_Own]:
         """The views of each camera."""

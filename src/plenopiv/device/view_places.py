@@ -12,6 +12,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from plenopiv.cameras.space_map import PLACE_POWERS
 from plenopiv.projection.plenoptic.plane_maps.view_pixels import GAUSS
@@ -125,6 +126,15 @@ def _moved(lenses: LensTable, s: jax.Array, t: jax.Array) -> jax.Array | None:
         return None
     ds, dt = s - lenses.regular[0], t - lenses.regular[1]
     return jnp.stack([a * ds + b * dt for a, b in lenses.from_mm[:, :2]], 1)
+
+
+def footprints(place: jax.Array, off: jax.Array, pixels: Pixels) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Where the footprints of pixels are centred on a plane's map, columns and rows (views, lens), and lit shares. By
+    themselves, so that forward and back have the same bits. ``place``, ``off``: of ``PlaneTable``."""
+    x0, xs, xq, y0, ys, yq = place
+    x = x0 + xs * pixels.s + xq * (pixels.qx + off * pixels.dqx)
+    y = y0 + ys * pixels.t + yq * (pixels.qy + off * pixels.dqy)
+    return lax.optimization_barrier((x, y, pixels.lit + off * pixels.dlit))
 
 
 def lit_part(

@@ -1,71 +1,75 @@
 """What the reconstruction of a frame of a plenoptic camera moves and computes on a device: ``work`` of its stages.
 
-``images``: a plane spread into its map and read off it, for each group of views; ``back``: corrections written into
-the map and summed from it; ``candidates``: dense ray tracing. Buckets of planes tell how large maps are, and how many
-products and microlenses a point takes.
+``images``: a plane spread into its map and read off it, for each group of views; ``back``: listed voxels ask the
+microlenses about them; ``candidates``: dense ray tracing. Buckets of planes tell how large maps are, and how many
+products a point takes, those of voxels how many microlenses they ask.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import ceil
+from math import prod, sqrt
 
+from plenopiv.device.asking import row_by_row
 from plenopiv.device.plane_tables import Bucket
+from plenopiv.device.planes import map_units
+from plenopiv.device.voxel_tables import Asking
 from plenopiv.device.work import FLOAT, Work
 
+TAP = 4.0  # operations of a voxel's product with a weight: it is read from a cache, half as fast as it is multiplied
 PLACE = 40.0  # operations of a pixel: where it lies on a map, its lit share, what is read there
 READ = 14.0  # floats: the pixel's lens, its place, four points of the map
-ABOUT = 25.0  # operations of a microlens that may light a point of a map
-WRITTEN = 2.0  # floats of a point of a map and a view: its sum; the microlenses about it come from a cache
+LISTED = 0.06  # share of all voxels that are listed, where they are densely seeded
+ASKED = 400.0  # operations of a listed voxel and a microlens: its place, and seven reads, each as long as fifty
+OF_VIEW = 7.0  # floats of a listed voxel and a view: its place, its sum; microlenses and weights come from a cache
+CHANGED = 20.0  # floats of a listed voxel and a correction: its number and place, itself, which lies alone in memory
+STARTED = 0.1  # of a program's start: that of one of its steps
 JUDGED = 90.0  # operations of a voxel and a pixel that may rule it out: its place, an area
 SWEPT = 3.0  # floats of a voxel and a judging view
-LEFT = 0.3  # share of the voxels that an average view has left to judge, where they are densely seeded
+LEFT = 0.7  # over the root of the pixels that a voxel may light: share of voxels that an average view has left to judge
 
 
 def reconstruction(
     plane: tuple[int, int],
     buckets: Sequence[Bucket],
+    asking: Sequence[Asking],
     pixels: int,
     groups: Sequence[int],
     judged: Sequence[tuple[int, int]],
     judging: int,
+    listed: float = LISTED,
 ) -> Mapping[str, Work]:
-    """By stage, of one frame on planes of (ny, nx) voxels. ``pixels``: of a view; ``groups``: of how many views each
-    correction of the volume is, all iterations; ``judged``: numbers of planes, and how many microlenses of a view may
-    rule out a voxel of them; ``judging``: how many views do."""
-    images, back = Work(), Work()
-    used, times = sum(groups), len(groups)
+    """By stage, of one frame on planes of (ny, nx) voxels, of which a share is ``listed``. ``pixels``: of a view;
+    ``groups``: of how many views each correction of the volume is, all iterations; ``judged``: numbers of planes, and
+    how many microlenses of a view may rule out a voxel of them; ``judging``: how many views do."""
+    images, back, used, times = Work(), Work(), sum(groups), len(groups)
+    area = float(prod(plane))
+    placed = Work(FLOAT * READ * pixels, PLACE * pixels)
     for bucket in buckets:
-        spread = map_work(bucket, plane)
-        points = map_points(bucket, plane)
-        read = Work(FLOAT * READ * pixels, PLACE * pixels)
-        lenses = bucket.window[0] * bucket.window[1]
-        written = Work(FLOAT * (WRITTEN * points + READ * pixels), ABOUT * lenses * points + PLACE * pixels)
-        voxels = Work(FLOAT * 2 * plane[0] * plane[1], 10.0 * plane[0] * plane[1])
-        images += (spread.times(times * bucket.members) + read.times(used)).times(bucket.planes)
-        back += ((spread + voxels).times(times * bucket.members) + written.times(used)).times(bucket.planes)
-    area, candidates = float(plane[0] * plane[1]), Work()
+        steps = Work(calls=STARTED * (4 + bucket.points**2 * bucket.members * bucket.voxels**2))
+        images += ((map_work(bucket, plane) + steps).times(times) + placed.times(used)).times(bucket.planes)
+    for each in asking:
+        lenses = prod(each.window)
+        passes = each.window[0] if row_by_row(each) else 1
+        asked = Work(FLOAT * OF_VIEW * passes * listed * area, ASKED * lenses * listed * area, STARTED * (passes + 2))
+        changed = Work(FLOAT * CHANGED * listed * area, calls=STARTED * 6)
+        back += (changed.times(times) + (asked + placed).times(used)).times(each.planes)
+    candidates = Work()
     for planes, lenses in judged:
-        candidates += Work(FLOAT * SWEPT * area, JUDGED * lenses * area).times(LEFT * planes * judging)
-    calls = Work(calls=times)
-    return {"images": images + calls, "back": back, "candidates": candidates}
-
-
-def map_points(bucket: Bucket, plane: tuple[int, int]) -> float:
-    """Points of the map of a plane."""
-    rows, columns = (
-        (ceil(n / bucket.voxels) + taps - 1) * bucket.points for n, taps in zip(plane, bucket.taps, strict=True)
-    )
-    return float(rows * columns)
+        candidates += Work(FLOAT * SWEPT * area, JUDGED * lenses * area).times(LEFT / sqrt(lenses) * planes * judging)
+    return {"images": images + Work(calls=times), "back": back, "candidates": candidates}
 
 
 def map_work(bucket: Bucket, plane: tuple[int, int]) -> Work:
-    """A plane of voxels spread into its map, or summed from it."""
-    ny, nx = plane
-    line, points = ny * ceil(nx / bucket.voxels) * bucket.points, map_points(bucket, plane)
-    moved = ny * nx + 3.0 * line + 2.0 * points
-    operations = 2.0 * bucket.voxels * (bucket.taps[1] * line + bucket.taps[0] * points)
-    return Work(FLOAT * moved, operations).times(bucket.ranks)
+    """The planes of a group spread into their map."""
+    units, area = prod(map_units(bucket, plane)), prod(plane)
+    phases, places = bucket.points**2, bucket.members * bucket.voxels**2
+    copied = 2.0 * bucket.members * area
+    if places == 1:
+        moved = copied + phases * (area + units)
+    else:
+        moved = copied + phases * (bucket.members * area + 2.0 * places * units)
+    return Work(FLOAT * moved, TAP * prod(bucket.taps) * phases * places * units)
 
 
 def groups_of(exponents: Sequence[tuple[float, int]], views: int) -> list[int]:
