@@ -111,9 +111,10 @@ def parts(pair: Any, batches: WindowPass, scatter: bool) -> tuple[float, float]:
 
     held = planes()
     filters = tuple(jax.numpy.asarray(each) for each in batches.correlator.filters)
+    powers = jax.numpy.asarray(batches.correlator.powers, jax.numpy.float32)
 
     def windows() -> Any:
-        return [pair.layer(batches, layer, held, filters, how) for layer in range(batches.layers)]
+        return [pair.layer(batches, layer, held, filters, powers, how) for layer in range(batches.layers)]
 
     return best(planes), best(windows)
 
