@@ -55,6 +55,7 @@ Camera = PlenopticCamera | PinholeCamera
 LARGEST_SIDE = 2**16 - 1  # voxels: sparse volumes keep 16 bits for a voxel's place in its row
 PLACES = 17  # along x and y, at which weights by depth are found in the laboratory
 LOST = 0.1  # of a microlens' pixels: fewer make no difference to the voxels
+HIDDEN = 4  # power of the share of its light that is seen, by which a voxel counts less
 DEFAULT_RECONSTRUCTION, DEFAULT_CORRELATION = ReconstructionSettings(), CorrelationSettings()
 
 
@@ -275,7 +276,7 @@ class Chain:
         """A reconstructed volume with less light in voxels behind unusable pixels."""
         if (whole := self._whole) is None:
             return volume
-        return volume.with_values(volume.values * usable_share(self.projection, whole, volume))
+        return volume.with_values(volume.values * usable_share(self.projection, whole, volume) ** HIDDEN)
 
     def correlated(self, volume: SparseVolume) -> Volume:
         """A reconstructed volume as it is correlated: ``weighted``, compressed, on ``grid``.

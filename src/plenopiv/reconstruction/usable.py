@@ -2,7 +2,7 @@
 
 Behind lost pixels MART has too few equations to take light away from voxels that hold no particle: what it started with
 is left in both frames, in the same place, and pulls displacements toward zero. In the correlation a voxel therefore
-counts by its share (``Chain.displacement``).
+counts by its share, to the power of four (``Chain.weighted``).
 """
 
 from __future__ import annotations
