@@ -80,19 +80,14 @@ def _pictures():
 def without_figures(patch, but=()):
     """Draw no figure in pages from now on: every one ``but`` those named is an empty picture. ``patch`` is pytest's
     monkeypatch."""
-    drawn = figures.png
     for module in (charts, figures):
         for name in [name for name in vars(module) if name.endswith("_figure") and name not in but]:
             patch.setattr(module, name, lambda *given: None)
-    cut = figures.panels
-    patch.setattr(figures, "png", lambda figure: EMPTY if figure is None else drawn(figure))
-    patch.setattr(figures, "panels", lambda figure, *whole: [EMPTY] if figure is None else cut(figure, *whole))
+    drawn = figures.Drawn.of
+    patch.setattr(figures.Drawn, "of", lambda figure, pdf=False: EMPTY if figure is None else drawn(figure, pdf))
 
 
-# one transparent pixel
-EMPTY = base64.b64decode(
-    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNkYPhfDwAChwGA60e6kgAAAABJRU5ErkJggg=="
-)
+EMPTY = figures.Drawn(np.zeros((1, 1, 4), np.uint8), ())
 
 
 def write(path, experiment, dataset=None, summary=SUMMARY, title="Velocity of <jet>", **options):

@@ -14,7 +14,7 @@ from PIL import Image
 from plenopiv.checks import CheckResult
 from plenopiv.checks.motion import Motion
 from plenopiv.report.check import check_figure
-from plenopiv.report.figures import histogram_figure, panels, png, velocity_figure
+from plenopiv.report.figures import Drawn, histogram_figure, png, velocity_figure
 from plenopiv.report.light_field import contact_sheet
 
 
@@ -69,7 +69,7 @@ def test_no_text_of_the_velocity_figure_lies_over_another(shape):
 def test_a_figure_is_cut_between_its_panels():
     figure = velocity_figure(field())
     whole = Image.open(io.BytesIO(png(figure)))
-    parts = [Image.open(io.BytesIO(part)) for part in panels(figure)]
+    parts = [Image.open(io.BytesIO(part)) for part in Drawn.of(figure).panels]
     assert len(parts) == 3
     drawn = [np.asarray(part.convert("L")) < 255 for part in parts]
     assert sum(part.sum() for part in drawn) == (np.asarray(whole.convert("L")) < 255).sum()  # nothing is lost
@@ -84,11 +84,11 @@ def test_a_second_axis_belongs_to_its_panel_and_one_panel_is_whole():
     left, right = figure.subplots(1, 2)
     left.twinx().set_ylabel("more")
     right.plot([0, 1], [0, 1])
-    assert len(panels(figure)) == 2
+    assert len(Drawn.of(figure).panels) == 2
     one = Figure(figsize=(3, 2), layout="constrained")
     one.subplots().plot([0, 1], [0, 1])
-    assert panels(one) == [png(one)]
-    assert len(panels(histogram_figure(field(), (0.1, 0.1, 0.1), 5e-4))) == 3
+    assert Drawn.of(one).panels == [png(one)]
+    assert len(Drawn.of(histogram_figure(field(), (0.1, 0.1, 0.1), 5e-4)).panels) == 3
 
 
 def test_the_sheet_of_views_says_what_it_shows():

@@ -64,12 +64,13 @@ def statistics(
 
 def _draw(found: xarray.Dataset, figures: list[Path]) -> None:
     from plenopiv.report.convergence import convergence_figure
-    from plenopiv.report.figures import png_and_pdf
+    from plenopiv.report.figures import Drawn
 
-    drawn = png_and_pdf(convergence_figure(found))
+    figure = Drawn.of(convergence_figure(found), pdf=True)
+    drawn = {".png": figure.png, ".pdf": figure.pdf}
     for path in figures:
         with written_aside(path) as aside:
-            aside.write_bytes(drawn[path.suffix[1:]])
+            aside.write_bytes(drawn[path.suffix])
 
 
 def _lines(told: dict[str, Any], found: xarray.Dataset, files: list[str]) -> list[str]:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +18,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.image import imread, imsave
-from matplotlib.transforms import BboxBase, ScaledTranslation, blended_transform_factory
+from matplotlib.image import imsave
+from matplotlib.transforms import Bbox, BboxBase, ScaledTranslation, blended_transform_factory
 from numpy.typing import NDArray
 
 from plenopiv.errors import printable
@@ -50,68 +53,84 @@ SLICES = {
 
 
 def png(figure: Figure) -> bytes:
-    """A figure as PNG."""
-    return png_and_pdf(figure, ("png",))["png"]
+    """A figure as PNG, without margins."""
+    return Drawn.of(figure).png
 
 
-@rc_context(STYLE)
-def png_and_pdf(figure: Figure, kinds: Sequence[str] = ("png", "pdf")) -> dict[str, bytes]:
-    """A figure in files of these kinds, PNG without margins; without dates, so that the same run writes the same files.
+@dataclass(frozen=True)
+class Drawn:
+    """A figure without margins: its pixels, (rows, columns, 4); columns at which panels that stand side by side part;
+    a PDF file, where asked for. Without dates, so that the same run writes the same files."""
 
-    Laid out once and drawn once a file, where ``savefig`` draws everything twice.
-    """
-    figure.set_dpi(DPI)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    figure.set_layout_engine("none")
-    found = {"png": _png(np.asarray(canvas.buffer_rgba()), figure.get_tightbbox().padded(PADDING))}
-    if "pdf" in kinds:
-        buffer = io.BytesIO()
-        FigureCanvasPdf(figure).print_pdf(buffer, metadata={"CreationDate": None})
+    pixels: NDArray[np.uint8]
+    cuts: tuple[int, ...]
+    pdf: bytes = b""
+
+    @staticmethod
+    @rc_context(STYLE)
+    def of(figure: Figure, pdf: bool = False) -> Drawn:
+        """Laid out once, its parts measured once, and drawn once a file, where ``savefig`` does each twice."""
         figure.set_dpi(DPI)
-        found["pdf"] = buffer.getvalue()
-    return {kind: found[kind] for kind in kinds}
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        figure.set_layout_engine("none")
+        boxes = [box for axes in figure.axes if (box := axes.get_tightbbox()) is not None]
+        words = [part for part in figure.get_children() if part not in figure.axes and part.get_in_layout()]
+        all_boxes = [*boxes, *(box for part in words if (box := part.get_tightbbox()) is not None)]
+        box = Bbox.union(all_boxes or [figure.bbox]).padded(PADDING * DPI)
+        pixels = _cut_out(np.asarray(canvas.buffer_rgba()), box)
+        file = io.BytesIO()
+        if pdf:
+            FigureCanvasPdf(figure).print_pdf(file, metadata={"CreationDate": None})
+            figure.set_dpi(DPI)
+        return Drawn(pixels, _cuts([(each.x0 - box.x0, each.x1 - box.x0) for each in boxes]), file.getvalue())
+
+    @cached_property
+    def png(self) -> bytes:
+        """The whole figure."""
+        return _png(self.pixels)
+
+    @property
+    def panels(self) -> list[bytes]:
+        """Its panels, each as PNG without margins: on a narrow page they stand one below the other."""
+        if not self.cuts:
+            return [self.png]
+        found = []
+        for first, last in pairwise([0, *self.cuts, self.pixels.shape[1]]):
+            part = self.pixels[:, first:last]
+            drawn: NDArray[np.bool_] = np.any(part[..., :3] < 255, axis=2)
+            rows, columns = (np.flatnonzero(np.any(drawn, axis=axis)) for axis in (1, 0))
+            found.append(_png(part[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]))
+        return found
 
 
-def _png(drawn: NDArray[np.uint8], box: BboxBase) -> bytes:
-    """The part of a ``drawn`` figure (rows, columns, 4) within a ``box`` in inches from its lower left corner; white
+def _cut_out(drawn: NDArray[np.uint8], box: BboxBase) -> NDArray[np.uint8]:
+    """The part of a ``drawn`` figure (rows, columns, 4) within a ``box`` in pixels from its lower left corner; white
     where that reaches beyond it."""
     rows, columns = drawn.shape[:2]
-    left, right, bottom, top = (round(side * DPI) for side in (box.x0, box.x1, box.y0, box.y1))
+    left, right, bottom, top = (round(side) for side in (box.x0, box.x1, box.y0, box.y1))
     sides = max(top - rows, 0), max(-bottom, 0), max(-left, 0), max(right - columns, 0)
     padded = np.pad(drawn, (sides[:2], sides[2:], (0, 0)), constant_values=255)
     first_row, first_column = rows - top + sides[0], left + sides[2]
-    buffer = io.BytesIO()
-    imsave(
-        buffer, padded[first_row : first_row + top - bottom, first_column : first_column + right - left], format="png"
-    )
-    return buffer.getvalue()
+    return padded[first_row : first_row + top - bottom, first_column : first_column + right - left]
 
 
-def panels(figure: Figure, whole: bytes = b"") -> list[bytes]:
-    """The panels of a figure that stand side by side, each as PNG without margins, cut from the PNG of the ``whole``:
-    on a narrow page they stand one below the other."""
-    whole = whole or png(figure)
-    left = figure.get_tightbbox().padded(PADDING).x0
-    boxes = [axes.get_tightbbox() for axes in figure.axes]  # colour bars within their axes'
-    spans = sorted((box.x0 / figure.dpi, box.x1 / figure.dpi) for box in boxes if box is not None)
-    cuts, end = [], spans[0][1]
+def _cuts(spans: list[tuple[float, float]]) -> tuple[int, ...]:
+    """Between what stands side by side; colour bars lie within the spans of their axes (pixels)."""
+    spans = sorted(spans)
+    cuts: list[int] = []
+    end = spans[0][1] if spans else 0.0
     for x0, x1 in spans[1:]:
-        if x0 > end - 0.03:  # layouts let panels touch
-            cuts.append(round((0.5 * (x0 + end) - left) * DPI))
+        if x0 > end - 0.03 * DPI:  # layouts let panels touch
+            cuts.append(round(0.5 * (x0 + end)))
         end = max(end, x1)
-    if not cuts:
-        return [whole]
-    image = imread(io.BytesIO(whole), format="png")
-    found = []
-    for first, last in zip([0, *cuts], [*cuts, image.shape[1]], strict=True):
-        part = image[:, first:last]
-        drawn: NDArray[np.bool_] = np.any(part[..., :3] < 1, axis=2)
-        rows, columns = (np.flatnonzero(np.any(drawn, axis=axis)) for axis in (1, 0))
-        buffer = io.BytesIO()
-        imsave(buffer, part[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1], format="png")
-        found.append(buffer.getvalue())
-    return found
+    return tuple(cuts)
+
+
+def _png(pixels: NDArray[np.uint8]) -> bytes:
+    buffer = io.BytesIO()
+    imsave(buffer, pixels, format="png")
+    return buffer.getvalue()
 
 
 @rc_context(STYLE)

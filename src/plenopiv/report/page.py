@@ -96,12 +96,11 @@ class _Figures:
             folder.mkdir(parents=True, exist_ok=True)
 
     def __call__(self, name: str, figure: Figure, words: str, kind: str = "") -> str:
-        if self.folder is None:
-            return pictures(figures.panels(figure), words, kind)
-        made = figures.png_and_pdf(figure)
-        for ending, content in made.items():
-            (self.folder / f"{name}.{ending}").write_bytes(content)
-        return pictures(figures.panels(figure, made["png"]), words, kind)
+        drawn = figures.Drawn.of(figure, pdf=self.folder is not None)
+        if self.folder is not None:
+            (self.folder / f"{name}.png").write_bytes(drawn.png)
+            (self.folder / f"{name}.pdf").write_bytes(drawn.pdf)
+        return pictures(drawn.panels, words, kind)
 
 
 def _series(series: Mapping[str, Sequence[float]], drawn: _Figures) -> list[str]:
