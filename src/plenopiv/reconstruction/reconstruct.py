@@ -24,7 +24,7 @@ from plenopiv.reconstruction.tiles import Tile
 from plenopiv.volume import SparseVolume
 
 SMALLEST_FLOOR = 0.5  # counts: digitisation alone leaves 0.3
-THIN = 0.3  # of the mean voxel of a plenoptic camera: fainter ones are left out
+THIN = 0.15  # of the mean voxel of a plenoptic camera: fainter ones are left out
 
 
 @dataclass(frozen=True)
