@@ -29,7 +29,7 @@ class Planes:
 
     def __init__(self, volume: Volume, resident: bool) -> None:
         self.volume, self.shape = volume, volume.grid.shape
-        self._dense = dense_on_device(volume) if resident else None
+        self._dense = planes_on_device(volume, 0, self.shape[0]) if resident else None
 
     def slab(self, lo: int, count: int) -> tuple[jax.Array, int]:
         """``count`` planes (or all, if there are fewer) that hold those of the volume from ``lo`` on, and the number of
@@ -38,22 +38,23 @@ class Planes:
         count = min(count, nz)
         first = min(max(lo, 0), nz - count)
         if self._dense is None:
-            return _planes_on_device(self.volume, first, first + count), first
+            return planes_on_device(self.volume, first, first + count), first
         return (self._dense if count == nz else _some(self._dense, first, count)), first
 
 
-def dense_on_device(volume: Volume) -> jax.Array:
-    """Every voxel of a volume, float32 (nz, ny, nx), on the device. Of a sparse volume the list alone is sent."""
-    nz, ny, nx = volume.grid.shape
+def planes_on_device(volume: Volume, lo: int, hi: int) -> jax.Array:
+    """Planes lo <= k < hi of a volume, float32 (hi - lo, ny, nx), on the device. Of a sparse volume the list alone is
+    sent; what is correlated is compressed there."""
+    _, ny, nx = volume.grid.shape
     if isinstance(volume, CompressedVolume):
-        return _compressed(dense_on_device(volume.volume), volume.exponent, np.float32(volume.factor))
+        return _compressed(planes_on_device(volume.volume, lo, hi), volume.exponent, np.float32(volume.factor))
     if not isinstance(volume, SparseVolume):
-        return jnp.asarray(volume.slab(0, nz))
-    out = jnp.zeros((nz, ny * nx), jnp.float32)
-    group = max(1, min(nz, (1 << 30) // (ny * nx)))  # planes: places in them are 32-bit numbers
-    for lo in range(0, nz, group):
-        hi = min(lo + group, nz)
-        start = volume.row_start[lo * ny : hi * ny + 1]
+        return jnp.asarray(volume.slab(lo, hi))
+    out = jnp.zeros((hi - lo, ny * nx), jnp.float32)
+    group = max(1, min(hi - lo, (1 << 30) // (ny * nx)))  # planes: places in them are 32-bit numbers
+    for first in range(lo, hi, group):
+        last = min(first + group, hi)
+        start = volume.row_start[first * ny : last * ny + 1]
         for begin in range(int(start[0]), int(start[-1]), _LISTED):
             end = min(begin + _LISTED, int(start[-1]))
             row = np.searchsorted(start, np.arange(begin, end), "right") - 1
@@ -61,15 +62,8 @@ def dense_on_device(volume: Volume) -> jax.Array:
             place[: end - begin] = row * nx + volume.column[begin:end]
             light = np.zeros(_LISTED, np.float32)
             light[: end - begin] = volume.values[begin:end]
-            out = _placed(out, lo, place, light, hi - lo)
-    return out.reshape(nz, ny, nx)
-
-
-def _planes_on_device(volume: Volume, lo: int, hi: int) -> jax.Array:
-    """Planes lo <= k < hi, compressed on the device, as all of them are."""
-    if isinstance(volume, CompressedVolume):
-        return _compressed(_planes_on_device(volume.volume, lo, hi), volume.exponent, np.float32(volume.factor))
-    return jnp.asarray(volume.slab(lo, hi))
+            out = _placed(out, first - lo, place, light, last - first)
+    return out.reshape(hi - lo, ny, nx)
 
 
 @partial(jax.jit, static_argnums=1, donate_argnums=0)

@@ -15,11 +15,12 @@ cov_ij of neighbours; the mean of vectors with weights w has the variance sum_ij
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.displacement.overlap import fade
+from plenopiv.displacement.overlap import mean_of_wave
 from plenopiv.displacement.predictor import filter_response, spline_aliases
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.sub_windows import Weights
@@ -63,15 +64,11 @@ def noise_amplification(windows: WindowGrid, settings: CorrelationSettings) -> N
     """
     q = 2 * np.pi * np.fft.fftfreq(_WAVES)  # radians per vector
     z, y, x = np.ix_(*(np.arange(_WAVES),) * 3)
-
-    def under(size: int, wave: NDArray[np.float64]) -> NDArray[np.float64]:
-        weight, place = fade(size, settings.taper_voxels) ** 2, np.arange(size) - (size - 1) / 2
-        return np.cos(wave[..., None] * place) @ weight / weight.sum()
-
+    under = partial(mean_of_wave, taper=settings.taper_voxels)
     noise, bias = [], []
     for size, step, stride in zip(windows.size, windows.step, strides(windows), strict=True):
         waves = q[:, None] + 2 * np.pi * np.arange(-_ALIASES, _ALIASES + 1)
-        noise.append((under(size, waves / step) ** 2).sum(1))
+        noise.append((under(size, wave=waves / step) ** 2).sum(1))
         bias.append((2 * np.cos(stride * q) - 2) * bias_factor(size, step, stride))
     power = noise[0][z] * noise[1][y] * noise[2][x]
     amplified = np.ones_like(power)
@@ -84,7 +81,7 @@ def noise_amplification(windows: WindowGrid, settings: CorrelationSettings) -> N
             if apart != step:  # its aliases are other waves of the next vectors
                 waves, amplitude = waves[:, _ALIASES, None], amplitude[:, _ALIASES, None]
             spline.append(amplitude.sum(1))
-            seen.append((amplitude * under(size, waves / apart)).sum(1))
+            seen.append((amplitude * under(size, wave=waves / apart)).sum(1))
             passed.append(filter_response(turn, before.overlap) if settings.filter_predictor else np.ones(_WAVES))
         f, h, c = (v[0][z] * v[1][y] * v[2][x] for v in (passed, spline, seen))
         amplified = 1 + f * (h - c) * amplified

@@ -38,6 +38,13 @@ def fade(
     return np.sin(np.pi / 2 * np.clip(edge / taper, 0.0, 1.0)) ** 2 if taper > 0 else (edge > 0).astype(float)
 
 
+def mean_of_wave(n: int, taper: float, wave: NDArray[np.float64]) -> NDArray[np.float64]:
+    """W: means of waves (any shape), in radians a voxel and even about the middle, under a squared tapered window."""
+    weight, place = fade(n, taper) ** 2, np.arange(n) - (n - 1) / 2
+    out: NDArray[np.float64] = np.cos(wave[..., None] * place) @ weight / weight.sum()
+    return out
+
+
 def overlap(weight: NDArray[np.float64]) -> NDArray[np.float64]:
     """C(d) for -n < d < n of a window's ``weight`` (n,): (2 n - 1,), 1 in the middle."""
     return np.correlate(weight, weight, "full") / (weight @ weight)

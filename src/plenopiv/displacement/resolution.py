@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import brentq
 
-from plenopiv.displacement.overlap import fade
+from plenopiv.displacement.overlap import mean_of_wave
 from plenopiv.displacement.predictor import filter_response, spline_aliases
 from plenopiv.displacement.settings import CorrelationSettings, Pass, Sides
 from plenopiv.displacement.sub_windows import offsets
@@ -85,17 +85,10 @@ def _of_passes(settings: CorrelationSettings, axis: int, wavelength: float) -> f
     """Amplitude S of the vectors of the last pass."""
     wave, amplitude, before = 2 * np.pi / wavelength, 0.0, None
     for one in settings.passes:
-        seen = _under(one.window[axis], settings.taper_voxels, wave)
+        seen = float(mean_of_wave(one.window[axis], settings.taper_voxels, np.array(wave)))
         predicted = 0.0 if before is None else amplitude * _predicted(before, axis, wave, settings.filter_predictor)
         amplitude, before = predicted * (1 - seen) + seen, one
     return amplitude
-
-
-def _under(size: int, taper_voxels: float, wave: float) -> float:
-    """W: mean of a wave, in radians a voxel, under the square of the tapered window."""
-    weight = fade(size, taper_voxels) ** 2
-    place = np.arange(size) - (size - 1) / 2
-    return float(np.cos(wave * place) @ weight / weight.sum())
 
 
 def _predicted(before: Pass, axis: int, wave: float, filtered: bool) -> float:
