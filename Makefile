@@ -11,7 +11,7 @@ PARALLEL := -n auto --dist worksteal
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full campaign test-report lint bench bench-full paper paper-full comparison figures docs release-check lock clean
+.PHONY: help demo test test-full campaign fresh test-report lint bench bench-full paper paper-full comparison figures docs release-check lock clean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' Makefile
@@ -27,6 +27,9 @@ test-full: $(VENV)/.ready-dev  ## the tests of minutes, which make test leaves o
 
 campaign: $(VENV)/.ready-dev  ## what takes hours: each script of campaigns/ goes on where it was stopped
 	for script in $$(grep -l __main__ campaigns/*.py); do $(BIN)/python $$script || exit 1; done
+
+fresh: $(VENV)/.ready  ## make recorded tables anew that an earlier program made: hours, goes on where it was stopped
+	$(BIN)/python benchmarks/fresh.py --again
 
 test-report: $(VENV)/.ready-dev demo  ## reports in a headless Chromium without a network (apt-get install chromium)
 	$(BIN)/python -m pip install --quiet -r requirements-browser.txt

@@ -82,7 +82,7 @@ def main() -> None:
     for k, name in enumerate(("wall", "processor")):
         run_s, again_s = (median(each[k] for each in times[command]) for command in ("run", "correlate"))
         found[f"{name}_ratio"] = round(again_s / run_s, 3)
-        print(f"{name} time: run {run_s:.1f} s, correlate {again_s:.1f} s, ratio {again_s / run_s:.2f}")
+        print(f"{name} time: run {run_s:.1f} s, correlate {again_s:.1f} s, ratio {again_s / run_s:.3f}")
     print(f"vectors the same bit for bit: {same}")
     here = Path(__file__).with_suffix(".json")
     kept = json.loads(here.read_text()) if here.exists() else {}
