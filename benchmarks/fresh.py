@@ -164,8 +164,8 @@ INTRODUCTION = """\
 
 Every recorded table carries the settings and decisions that made it. Where they are not today's this list says what
 differs, and so does the page. `make fresh` (`python benchmarks/fresh.py --again`) makes stale tables anew, one after
-the other, and goes on where it was stopped; `--pages` writes this page. Pages among the decisions are records of their day
-([decision 63](decisions/0063-tables-say-what-made-them.md)).
+the other, and goes on where it was stopped; `--pages` writes this page. Pages among the decisions are records of their
+day ([decision 63](decisions/0063-tables-say-what-made-them.md)).
 
 | table | page | of the stages | minutes | made with settings that are |
 |---|---|---|---|---|
