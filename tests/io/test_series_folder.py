@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -329,3 +330,35 @@ def test_time_of_a_lock_and_who_holds_it(tmp_path):
         line = (tmp_path / "lock").read_text()
     assert f"process {os.getpid()}, {time.strftime('%Y')}" in line
     assert line.endswith("all pairs\n")
+
+
+def test_inputs_that_only_one_of_both_runs_has_are_named(results):
+    with pytest.raises(PlenoPIVError, match="ensemble: was null, is "):
+        session(results, inputs=INPUTS | {"ensemble": {"pairs": [4]}})
+    assert session(results, overwrite=True, inputs=INPUTS | {"ensemble": {"pairs": [4]}})[0] == [0, 1, 2, 3]
+    with pytest.raises(PlenoPIVError, match=r"ensemble: was .*, is null"):
+        session(results)
+
+
+def test_a_run_of_some_pairs_looks_at_those_alone(results):
+    (results / pair_file(3)).unlink()
+    with SeriesFolder(results, first=1, end=3) as folder:
+        folder.begin(INPUTS)
+        folder.settle({**INPUTS, "calibration": {"pitch": 0.077}})
+        assert set(folder.finished) == {1, 2}
+        assert folder.words == []
+        assert folder.recorded() == PAIRS
+        measure(folder, 1)
+        assert folder.recorded() == PAIRS
+
+
+def test_what_another_command_still_writes_is_not_swept(results):
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    alive, dead = (results / f".s.nc.{socket.gethostname()}-{pid}.part" for pid in (os.getppid(), ended.pid))
+    elsewhere = results / f".s.nc.another-host-{os.getppid()}.part"
+    for path in (alive, dead, elsewhere):
+        path.touch()
+    with SeriesFolder(results):
+        pass
+    assert [path.exists() for path in (alive, dead, elsewhere)] == [True, False, False]

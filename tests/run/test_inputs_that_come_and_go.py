@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import tomllib
 
 import pytest
 import tomli_w
@@ -89,3 +90,42 @@ def test_frames_that_go_end_the_run_and_what_was_finished_is_kept(recorded_pairs
     os.replace(tmp_path / "p1_b.tif", recorded_pairs / "p1_b.tif")
     assert main(["run", str(file)]) == 0
     assert numbers == [0, 1]
+
+
+def test_a_list_of_pairs_may_grow(recorded_pairs, tmp_path, monkeypatch):
+    numbers, file = measured_by(monkeypatch), recorded_pairs / "experiment.toml"
+    for path in (tmp_path / "aside").iterdir():
+        shutil.move(path, recorded_pairs)
+    for pairs in (2, 3):
+        tables = tomllib.loads(file.read_text())
+        tables["recording"]["pairs"] = [[f"p{k}_a.tif", f"p{k}_b.tif"] for k in range(pairs)]
+        file.write_text(tomli_w.dumps(tables))
+        assert main(["run", str(file)]) == 0
+    assert numbers == [0, 1, 2]
+
+
+def test_a_frame_that_was_measured_and_is_another_one_now(recorded_pairs, tmp_path, monkeypatch, capsys):
+    numbers, file = measured_by(monkeypatch), str(recorded_pairs / "experiment.toml")
+    assert main(["run", file, "--pairs", "0-0"]) == 0
+    for pulse in "ab":
+        os.replace(tmp_path / "aside" / f"p2_{pulse}.tif", recorded_pairs / f"p0_{pulse}.tif")
+    assert main(["run", file]) == 2
+    assert "p0_a.tif is another image than the one that was measured" in capsys.readouterr().err
+    assert main(["run", file, "--overwrite"]) == 0
+    assert numbers == [0, 0, 1]
+
+
+def test_the_last_of_array_jobs_may_ask_for_more_pairs_than_there_are(recorded_pairs, monkeypatch, capsys):
+    numbers, file = measured_by(monkeypatch), str(recorded_pairs / "experiment.toml")
+    assert main(["run", file, "--pairs", "1-4"]) == 0
+    assert numbers == [1]
+    assert "1 of 2 pairs are finished" in capsys.readouterr().out
+    assert main(["run", file, "--pairs", "2-4"]) == 2
+    assert "the recording has pairs 0 to 1" in capsys.readouterr().err
+
+
+def test_a_job_that_sets_a_pair_aside_ends_with_3(recorded_pairs, capsys):
+    frame = recorded_pairs / "p1_b.tif"
+    frame.write_bytes(frame.read_bytes()[:2000])
+    assert main(["run", str(recorded_pairs / "experiment.toml"), "--pairs", "1-1"]) == 3
+    assert "1 of 1 pairs set aside:" in capsys.readouterr().out

@@ -115,3 +115,14 @@ def test_the_manifest_has_a_frame_s_file_as_it_was_when_it_was_read(experiment, 
     if then == "replaced":
         frames = [entry, frame_entry(recording.frames[1], of_image(recording.light(1)[0]))]
         assert "a.tif is another image" in changed_frame(recording, {"pair": 0, "frames": frames})
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("content", [b"", b"no image at all", bytes(4096)], ids=["empty", "text", "zeros"])
+def test_a_frame_s_file_that_is_no_image_sets_its_pair_aside(folder, content, capsys):
+    (folder / "p2_b.tif").write_bytes(content)
+    assert main(["run", str(folder / "experiment.toml")]) == 3
+    (aside,) = json.loads((folder / "results" / "summary.json").read_text())["set_aside"]
+    assert aside["pair"] == 1
+    assert "p2_b.tif" in aside["reason"]
+    assert ("empty" if not content else "no image file") in aside["reason"]

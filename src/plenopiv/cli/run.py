@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 from plenopiv.cli.progress import Progress
 from plenopiv.cli.terminal import Outcome, command_line
@@ -47,9 +48,10 @@ def run(
             experiment, progress, overwrite, memory_gb=memory_gb, force=force, pairs=chosen, workers=workers
         )
     if chosen is not None:
-        done, count = result.measured
+        (done, count), aside = result.measured, result.summary["set_aside"]
         text = f"{done} of {count} pairs are finished; {command_line('run', file)} puts them together"
-        return Outcome(text, {"finished": done, "pairs": count})
+        lines = [*_set_aside(aside, chosen[1] - chosen[0] + 1), text]
+        return Outcome("\n".join(lines), {"finished": done, "pairs": count}, SET_ASIDE if aside else 0)
     return told(result)
 
 
@@ -80,10 +82,7 @@ def told(result: RunResult) -> Outcome:
         f'dt = {facts["dt_s"]:g} s, orientation "{facts["orientation"]}": no image tells whether these two are right;'
         " plenopiv orientation settles the second"
     ]
-    if aside:
-        lines.append(f"{len(aside)} of {summary['pairs']} pairs set aside:")
-        lines += [f"  {' and '.join(map(printable, one['frames']))}: {one['reason']}" for one in aside[:LISTED]]
-        lines += [f"  and {len(aside) - LISTED} more, in summary.json"] if len(aside) > LISTED else []
+    lines += _set_aside(aside, summary["pairs"])
     inside = summary.get("vectors_inside_body")
     in_body = "" if inside is None else f" ({inside} inside the body, not measured)"
     text = "\n".join(
@@ -95,6 +94,15 @@ def told(result: RunResult) -> Outcome:
         ]
     )
     return Outcome(text, {"quality": summary["quality"], "set_aside": aside}, SET_ASIDE if aside else 0)
+
+
+def _set_aside(aside: Sequence[Mapping[str, Any]], pairs: int) -> list[str]:
+    """What was set aside of so many pairs, in lines."""
+    if not aside:
+        return []
+    lines = [f"{len(aside)} of {pairs} pairs set aside:"]
+    lines += [f"  {' and '.join(map(printable, one['frames']))}: {one['reason']}" for one in aside[:LISTED]]
+    return lines + ([f"  and {len(aside) - LISTED} more, in summary.json"] if len(aside) > LISTED else [])
 
 
 def pairs_of(text: str) -> tuple[int, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import socket
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
@@ -32,6 +33,20 @@ def written_aside(path: str | Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             aside.unlink()
+
+
+def is_being_written(aside: Path) -> bool:
+    """Whether a file of ``written_aside`` is one of a process of this machine that still goes on."""
+    match = re.fullmatch(rf".*\.{re.escape(socket.gethostname())}-(\d+)\.part", aside.name)
+    if match is None or int(match[1]) == os.getpid() or os.name == "nt":  # there signal 0 is not a question
+        return False
+    try:
+        os.kill(int(match[1]), 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # another user's
+        return True
+    return True
 
 
 class Unfailing(io.RawIOBase):

@@ -21,6 +21,7 @@ from plenopiv.io.output import plain
 NAME = "manifest.jsonl"
 CHECK = 16  # hexadecimal digits
 NAMED = 3  # changes that a message names
+SETTLED = "calibration", "tiles"  # inputs that are known once calibration and memory are
 
 
 class Records(MutableMapping[int, dict[str, Any]]):
@@ -166,9 +167,10 @@ def changes(before: Mapping[str, Any], now: Mapping[str, Any], above: str = "") 
 
 
 def named_changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """The first ``changes``, for a message; keys that one of both does not have yet are left out."""
-    both = before.keys() & now.keys()
-    found = list(changes({key: before[key] for key in both}, {key: now[key] for key in both}))
+    """The first ``changes``, for a message; what one of both cannot have yet (``SETTLED``) is left out."""
+    yet = {key for key in SETTLED if not (key in before and key in now)}
+    was, now = ({key: value for key, value in each.items() if key not in yet} for each in (before, now))
+    found = list(changes(was, now))
     more = f", and {len(found) - NAMED} more" if len(found) > NAMED else ""
     return "; ".join(found[:NAMED]) + more
 
@@ -187,6 +189,14 @@ def settled_otherwise(known: Mapping[str, Any], inputs: Mapping[str, Any]) -> st
     if known.get("calibration") == inputs.get("calibration"):
         return f"another number of tiles ({named}); give the same --memory, {remedy}"
     return f"another calibration ({named}); {remedy}"
+
+
+def inputs_of_summary(directory: Path) -> str | None:
+    """What ``summary.json`` of a results folder says that the results depend on."""
+    try:
+        return str(json.loads((directory / "summary.json").read_text(encoding="utf-8"))["inputs_sha256"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
 
 
 def _short(value: Any) -> str:

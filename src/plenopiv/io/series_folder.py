@@ -8,7 +8,6 @@ on with that. Results that were there before stay whole until then.
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 from collections.abc import Iterable, Mapping
@@ -18,7 +17,7 @@ from typing import Any
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io import manifest as manifests
-from plenopiv.io.aside import sync_names, told_of, written_aside
+from plenopiv.io.aside import is_being_written, sync_names, told_of, written_aside
 from plenopiv.io.lock import FolderLock
 from plenopiv.io.manifest import Manifest, Records, digest_of, hash_of, is_whole, named_changes, settled_otherwise
 from plenopiv.io.output import COMPLETE, sweep_stages
@@ -31,7 +30,7 @@ class SeriesFolder:
     """``directory``, locked for the pairs ``first`` <= k < ``end``, for all of them without ``end``.
 
     ``begin`` compares what the results depend on, ``settle`` calibration and tiles; then ``finished`` holds the records
-    of the pairs that are there and whole. ``store`` keeps a finished pair, ``publish`` moves all into place.
+    of those of these pairs that are there and whole. ``store`` keeps a finished pair, ``publish`` moves all into place.
 
     Raises:
         PlenoPIVError: on entering: the folder is a file, cannot be written, or another run works on these pairs.
@@ -43,7 +42,7 @@ class SeriesFolder:
         self.depends = ""
         self.words: list[str] = []  # on what was found damaged
         self._lock = FolderLock(self.work / LOCK, first, end)
-        self._alone = end is None
+        self._first, self._end, self._alone = first, end, end is None
         self._made: list[Path] = []
         self._mode = "new"  # "repair": whole pairs of the results are kept; "replace": none
         self._known: dict[str, Any] | None = None  # what the pairs that are there depend on
@@ -107,7 +106,7 @@ class SeriesFolder:
             unfinished = None
         self._unfinished = unfinished
         self._results = Manifest.read(self.directory / manifests.NAME)
-        if self._results is None and _inputs_of_summary(self.directory) is not None:
+        if self._results is None and manifests.inputs_of_summary(self.directory) is not None:
             self._results = Manifest(damaged=1)
         complete = all((self.directory / name).exists() for name in COMPLETE)
         if unfinished is not None:
@@ -117,7 +116,7 @@ class SeriesFolder:
         elif self._results is not None:
             self._mode, self._known = "repair", self._results.inputs
             stated = {record.get("depends") for record in self._results.pairs.values()}
-            stated |= {_inputs_of_summary(self.directory)} - {None}
+            stated |= {manifests.inputs_of_summary(self.directory)} - {None}
             if self._known is None and stated:
                 self._known = {"digest": stated.pop()}
             if self._known is None:
@@ -159,6 +158,12 @@ class SeriesFolder:
     def is_complete(self) -> bool:
         """Whether the results of ``inputs`` are there, every file as the manifest has it."""
         return self._results is not None and not self.words and not self._stored()
+
+    def recorded(self) -> int:
+        """How many pairs have a record, also those of other runs that work side by side."""
+        stored = {path.name for path in (self.work / "pairs").glob("*.json")}
+        results = self._results.pairs if self._results else ()
+        return len(stored.union(Path(_record(number)).name for number in results))
 
     def path(self, name: str) -> Path:
         """Where to write a file that shall become ``directory / name``."""
@@ -231,7 +236,7 @@ class SeriesFolder:
         for number in sorted(stored.keys() | results.keys()):
             published = number not in stored
             record = (results if published else stored)[number]
-            if record.get("depends") != self.depends:
+            if record.get("depends") != self.depends or not self._is_mine(number):
                 continue
             broken = [name for name, hashed in record["files"].items() if not self._has(name, hashed, published)]
             if broken:
@@ -241,6 +246,9 @@ class SeriesFolder:
                 self.finished[number] = record
         if self._alone:
             self._remove_strays()
+
+    def _is_mine(self, number: int) -> bool:
+        return self._end is None or self._first <= number < self._end
 
     def _has(self, name: str, hashed: str, published: bool = True) -> bool:
         """Whether a file is whole, among the results if it was ``published``: one in the making may be there too."""
@@ -261,7 +269,8 @@ class SeriesFolder:
 
     def _sweep(self) -> None:
         """End what a killed run left: files half written, and moves."""
-        for path in [*self.work.rglob(".*.part"), *self.directory.glob(".*.part")]:
+        strays = [path for path in self.directory.glob(".*.part") if not is_being_written(path)]  # by other commands
+        for path in [*self.work.rglob(".*.part"), *strays]:
             with suppress(OSError):
                 path.unlink()
         sweep_stages(self.directory)
@@ -336,11 +345,3 @@ def _wrong(path: Path) -> str:
 
 def _record(pair: int) -> str:
     return f"pairs/pair-{pair:04d}.json"
-
-
-def _inputs_of_summary(directory: Path) -> str | None:
-    """What ``summary.json`` says that the results depend on."""
-    try:
-        return str(json.loads((directory / "summary.json").read_text(encoding="utf-8"))["inputs_sha256"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None

@@ -9,7 +9,7 @@ from typing import Literal
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.recording import formats, naming
-from plenopiv.recording.sources import ImageSource, only_source, sources_of
+from plenopiv.recording.sources import ImageSource, frame_source, sources_of
 
 Stacked = Literal["top-first", "bottom-first"]
 BRACES = re.compile(r"\{([^{},]*),([^{},]*)\}")
@@ -25,13 +25,21 @@ def sequence(folder: Path, named: str | Sequence[str], leave_out: Sequence[Path]
         PlenoPIVError: nothing matches, a file cannot be used, or files hold different numbers of images.
     """
     paths = find_frames(folder, named, leave_out) if isinstance(named, str) else [folder / name for name in named]
-    files = [sources_of(path) for path in paths]
+    files = _of_files(paths)
     for path, images in zip(paths, files, strict=True):
         if len(images) != len(files[0]):
             raise PlenoPIVError(
                 f"{path}: holds {len(images)} images, {paths[0].name} {len(files[0])}; frames are a file each, or pages"
             )
     return tuple(source for images in files for source in images)
+
+
+def _of_files(paths: Sequence[Path]) -> list[Frames]:
+    """The images of each file. Where files hold one each, one that cannot be read counts as one too."""
+    try:
+        return [sources_of(path) for path in paths]
+    except PlenoPIVError:
+        return [(frame_source(path),) for path in paths]
 
 
 def pairs(
@@ -50,13 +58,13 @@ def pairs(
         PlenoPIVError: nothing matches, a file has no partner, pages do not come in twos, or a file cannot be used.
     """
     if not isinstance(named, str):
-        found = [(only_source(folder / a), only_source(folder / b)) for a, b in named]
+        found = [(frame_source(folder / a), frame_source(folder / b)) for a, b in named]
     elif stacked is not None:
         _without_braces(named, "stacked images hold both pulses")
         images = [source for path in find_frames(folder, named, leave_out) for source in sources_of(path)]
         found = [image.halves(stacked) for image in images]
     elif "{" in named:
-        found = [(only_source(a), only_source(b)) for a, b in _partners(folder, named, leave_out)]
+        found = [(frame_source(a), frame_source(b)) for a, b in _partners(folder, named, leave_out)]
     else:
         found = []
         for path in find_frames(folder, named, leave_out):

@@ -109,7 +109,11 @@ class ImageSource:
         reader, fits = formats.reader_of(self.path), partial(self._compare, sensor)
         with _told_if_missing(self.path):
             if reader is None:
-                return tiff.header(self.path, self.page, fits)
+                try:
+                    return tiff.header(self.path, self.page, fits)
+                except PlenoPIVError:
+                    _check_readable(self.path)  # empty, or no TIFF file at all?
+                    raise
             header = reader.header(self.path, self.page, self.dataset)
         fits(header)
         return header
@@ -195,6 +199,23 @@ def only_source(name: Path) -> ImageSource:
     if len(found) > 1:
         raise PlenoPIVError(f"{name}: holds {len(found)} images, wanted one; save it as a file of its own")
     return found[0]
+
+
+def frame_source(name: Path) -> ImageSource:
+    """The same of a frame, which may be damaged: a file that is there and cannot be read counts as one image, and is
+    told of when its header is checked.
+
+    Raises:
+        PlenoPIVError: there is no such file, or it holds several images.
+    """
+    path, dataset = formats.split(name)
+    try:
+        found = sources_of(name)
+    except PlenoPIVError:
+        if not path.is_file():
+            raise
+        return ImageSource(path, dataset=dataset)
+    return found[0] if len(found) == 1 else only_source(name)
 
 
 def read_image(path: Path, sensor: Sensor | None = None) -> NDArray[np.uint16]:

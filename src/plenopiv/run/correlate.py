@@ -84,13 +84,13 @@ def correlate(
         times = fields.times(recording)
         count = len(times["time"])
         tell_kept(folder, count)
-        if folder.is_complete:
+        if folder.is_complete and len(folder.finished) == count:
             return RunResult(summary_there(folder), directory, (count, count))
         planned = fields.plan(plan_between_volumes(chain))
         left = [number for number in range(count) if number not in folder.finished]
         planned = as_it_is_now(planned)
         tell_plan(planned, 2 * len(left), len(left))
-        ask_for_space(folder, planned, len(left))
+        ask_for_space(folder, planned, len(left), count, experiment.output.gradients)
 
         judgement = kept.judgement(recording, chain.camera)
         for finding in judgement.findings:

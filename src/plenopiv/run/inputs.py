@@ -34,6 +34,8 @@ def stated_inputs(experiment: Experiment, recording: Recording, force: bool, dev
     for name in ("simulation", "compute", "tracking"):  # the last is another command's
         tables.pop(name, None)
     tables["output"].pop("directory", None)
+    for name in ("frames", "pairs"):  # lists grow with a recording; pairs' records name their frames
+        tables["recording"].pop(name, None)
     return {
         "versions": computing_versions(device),
         "device": device.stated,

@@ -95,7 +95,8 @@ class KeptVolumes:
     def other_versions(self) -> list[str]:
         """Versions that differ from those of the run."""
         known = versions()
-        return list(changes(self.inputs["versions"], {name: known[name] for name in COMPUTING}))
+        was = {name: version for name, version in self.inputs["versions"].items() if name in COMPUTING}
+        return list(changes(was, {name: known[name] for name in COMPUTING}))
 
     def with_correlation(
         self,

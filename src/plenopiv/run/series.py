@@ -136,16 +136,17 @@ def run(
         inputs = with_calibration(inputs, chain, recording) | {"tiles": planned.tiles}  # these give other bits
         folder.settle(inputs)
         keep_unchanged(folder, recording)
-        if folder.is_complete and len(folder.finished) == len(recording.pairs):
+        if folder.is_complete and all(number in folder.finished for number in wanted):
             return RunResult(summary_there(folder), folder.directory, (len(recording.pairs), len(recording.pairs)))
         left = [number for number in wanted if number not in folder.finished]
         frames = len({k for number in left for k in recording.pairs[number]})
         if pool is None or pool.workers.count:  # a scheduler's workers are other machines
             planned = as_it_is_now(planned)
         tell_plan(planned, frames, len(left), None if share is None else share.text)
-        ask_for_space(folder, planned, len(left), frames if experiment.output.volumes else 0)
-
         wanted_too = {"volumes": experiment.output.volumes, "gradients": experiment.output.gradients}
+        volumes, gradients = frames if experiment.output.volumes else 0, experiment.output.gradients
+        ask_for_space(folder, planned, len(left), len(recording.pairs), gradients, volumes)
+
         job = Job(planned.chain, recording, judgement.pairs, folder.work, source(experiment), **wanted_too)
         before = [str(w.message) for w in caught]
         shown = Shown(planned.chain, recording, clock, folder.finished)
@@ -168,14 +169,14 @@ def run(
         until_measured.close()
         remember(planned)
         if pairs is not None:
-            done = sum(number in folder.finished for number in range(len(recording.pairs)))
-            return RunResult({}, folder.directory, (done, len(recording.pairs)))
+            aside = judgement.summary([folder.finished[number] for number in wanted])["set_aside"]
+            return RunResult({"set_aside": aside}, folder.directory, (folder.recorded(), len(recording.pairs)))
         summary = series.put_together(shown.of, score)
     return RunResult(summary, experiment.output_directory, (len(recording.pairs), len(recording.pairs)))
 
 
 def _wanted(recording: Recording, pairs: tuple[int, int] | None) -> list[int]:
-    """Numbers of the pairs to measure.
+    """Numbers of the pairs to measure; the last of array jobs may ask for more than there are.
 
     Raises:
         PlenoPIVError: there are no such pairs.
@@ -183,19 +184,26 @@ def _wanted(recording: Recording, pairs: tuple[int, int] | None) -> list[int]:
     count = len(recording.pairs)
     if pairs is None:
         return list(range(count))
-    if not 0 <= pairs[0] <= pairs[1] < count:
+    if not 0 <= pairs[0] <= pairs[1] or pairs[0] >= count:
         raise PlenoPIVError(f"--pairs {pairs[0]}-{pairs[1]}: the recording has pairs 0 to {count - 1}")
-    return list(range(pairs[0], pairs[1] + 1))
+    if pairs[1] >= count:
+        log.info("--pairs %d-%d: the recording ends with pair %d", *pairs, count - 1)
+    return list(range(pairs[0], min(pairs[1] + 1, count)))
 
 
 def keep_unchanged(folder: SeriesFolder, recording: Recording) -> None:
-    """Forget pairs that were set aside and whose frames are others now; say what is kept and what is damaged.
+    """Forget pairs that were set aside and whose frames are others now, with ``folder.overwrite`` also those that were
+    measured and pairs that are gone; say what is kept and what is damaged.
 
     Raises:
-        PlenoPIVError: a frame that was measured is another one now.
+        PlenoPIVError: a frame that was measured is another one now, and not ``folder.overwrite``.
     """
     for number, record in list(folder.finished.items()):
         if number >= len(recording.pairs):
+            if folder.overwrite:
+                folder.words.append(f"pair {number} is not in the recording any more; it is forgotten")
+                del folder.finished[number]
+                continue
             raise PlenoPIVError(
                 f"{folder.directory}: holds {max(folder.finished) + 1} pairs, the recording {len(recording.pairs)}; "
                 "use --overwrite, or another output.directory"
@@ -206,12 +214,13 @@ def keep_unchanged(folder: SeriesFolder, recording: Recording) -> None:
         changed = changed_frame(recording, record)
         if changed is None and not record.get("again"):
             continue
-        if record["set_aside"] is None:
+        if record["set_aside"] is None and not folder.overwrite:
             raise PlenoPIVError(
                 f"{folder.directory}: holds a run of other frames ({changed}); use --overwrite, or another "
                 "output.directory"
             )
-        folder.words.append(f"pair {number} was set aside ({changed or record['set_aside']}); it is measured again")
+        was = "measured" if record["set_aside"] is None else "set aside"
+        folder.words.append(f"pair {number} was {was} ({changed or record['set_aside']}); it is measured again")
         del folder.finished[number]
     tell_kept(folder, len(recording.pairs))
 

@@ -25,7 +25,8 @@ from plenopiv.run.shown import FirstFrame
 from plenopiv.run.written import Record, Score, summary_of, write_results
 
 log = logging.getLogger("plenopiv")
-BYTES_A_VECTOR = 80.0  # of a pair's file, at most
+BYTES_A_VECTOR = 80.0  # of a field, at most
+BYTES_OF_GRADIENTS = 224.0  # more, of a vector: 14 derivatives with their standard deviations
 BYTES_A_VOXEL = 5.0  # kept, of a volume's file
 LEAST_KEPT = 0.01  # share of the voxels that a volume keeps
 
@@ -60,6 +61,8 @@ class StoredSeries:
             PlenoPIVError: the folder cannot be written; as ``records`` do. What was kept before stays.
         """
         told = Told(self.judgement.findings, self.warned)
+        if count > 1:
+            self.report("pairs", 0, count)
         try:
             for done, record in enumerate(records, 1):
                 kept = self.folder.store(record.content(), record.files)
@@ -139,18 +142,28 @@ def tell_plan(planned: Plan, frames: int, pairs: int, memory: str | None = None)
     log.info("time: %s", planned.takes.words(frames, pairs))
 
 
-def ask_for_space(folder: SeriesFolder, planned: Plan, pairs: int, volumes: int = 0) -> None:
-    """Compare the space on disk with what the files of so many pairs, and volumes of frames, take at least.
+def ask_for_space(
+    folder: SeriesFolder, planned: Plan, pairs: int, count: int, gradients: bool = False, volumes: int = 0
+) -> None:
+    """Compare the space on disk with what is to be written: the files of ``pairs``, velocity.nc, which has all
+    ``count`` once more where there are several, and at least so many ``volumes``. ``gradients``: are in them.
 
     Raises:
-        PlenoPIVError: it does not suffice.
+        PlenoPIVError: it does not suffice; there are to be gradients, and one layer of vectors.
     """
     grid, correlation = planned.chain.grid, planned.chain.correlation
-    vectors = prod(window_grid(grid.shape, correlation.windows[-1], correlation.overlap).shape)
-    needed = pairs * vectors * BYTES_A_VECTOR + volumes * BYTES_A_VOXEL * LEAST_KEPT * planned.chain.lens_grid.size
+    shape = window_grid(grid.shape, correlation.windows[-1], correlation.overlap).shape
+    if gradients and min(shape) < 2:
+        raise PlenoPIVError(
+            f"output.gradients: vectors are {' x '.join(map(str, shape[::-1]))} along x, y, z, and a derivative "
+            "takes two along each; take smaller windows or a larger volume, or leave output.gradients out"
+        )
+    fields = pairs + (count if count > 1 else 0)
+    needed = fields * prod(shape) * (BYTES_A_VECTOR + BYTES_OF_GRADIENTS * gradients)
+    needed += volumes * BYTES_A_VOXEL * LEAST_KEPT * planned.chain.lens_grid.size
     free = shutil.disk_usage(folder.work).free
     if needed > free:
         raise PlenoPIVError(
-            f"{folder.directory}: its disk has {free / 1e9:.2g} GB left, {pairs} pairs take about "
-            f"{needed / 1e9:.2g} GB; make room, or take another output.directory"
+            f"{folder.directory}: its disk has {free / 1e9:.2g} GB left, fields of {count} pair{'s'[: count > 1]} take "
+            f"about {needed / 1e9:.2g} GB more; make room, or take another output.directory"
         )

@@ -121,6 +121,8 @@ def track(experiment: Experiment, progress: Progress | None = None, overwrite: b
             pairs = TrackJob(tracker, table, folder.work, source())
             left = [number for number in range(count) if number not in folder.finished]
             records = _in_turn(pairs, left, clock, report)
+        if len(left) > 1:
+            report("pairs", 0, len(left))
         try:
             for done, record in enumerate(records, 1):
                 kept = folder.store(record.content(), record.files)
