@@ -25,6 +25,7 @@ VOLUME_MM = ((-1.5, 1.5), (-1.1, 1.1), (-2.5, 2.5))
 FLOW = flow("rotation", rate_rad_s=80.0, drift_m_s=(0.0, 0.1, 0.0))  # 2.9 voxels along y everywhere
 BAND = (300, 370)  # columns
 SEEDS = 5, 6, 7, 8  # behind the band lie some eight independent vectors of each
+SEEN = 0.5  # share of the light in the windows behind it that other pixels still have (``usable_share``)
 
 
 @pytest.fixture(scope="module")
@@ -75,9 +76,10 @@ def rms(error):
     return np.sqrt((error**2).mean(1))
 
 
-def test_vectors_behind_a_masked_band_are_no_worse_and_their_bars_hold(recorded):
-    """Without weighing voxels by what is seen of them, u behind the band is wrong by 0.15 voxel RMS, and 12 errors in
-    100 exceed two standard deviations."""
+def test_vectors_behind_a_masked_band_lose_what_half_the_light_costs_and_their_bars_hold(recorded):
+    """Of half the light errors are at least the square root of two larger; a quarter more is granted. Without weighing
+    voxels by what is seen of them, u behind the band is wrong by 0.15 voxel RMS, and 12 errors in 100 exceed two
+    standard deviations."""
     last = CAMERA.sensor.rows - 1
     band = [[BAND[0], 0], [BAND[1], 0], [BAND[1], last], [BAND[0], last]]
     x = (np.array(BAND) - 0.5 * (CAMERA.sensor.columns - 1)) * CAMERA.sensor.pixel_pitch_mm
@@ -93,7 +95,7 @@ def test_vectors_behind_a_masked_band_are_no_worse_and_their_bars_hold(recorded)
     print(f"\nRMS {rms(clean)}, behind the band {rms(error)}, bias {error.mean(1)}")
     within = [(np.abs(error) <= k * std).mean() for k in (1, 2)]
     print(f"within 1 and 2 standard deviations: {within}")
-    assert (rms(error) <= 1.25 * rms(clean)).all()
+    assert (rms(error) <= 1.25 * rms(clean) / np.sqrt(SEEN)).all()
     assert (np.abs(error.mean(1)) <= 0.05).all()
     assert within[0] >= 0.6
     assert within[1] >= 0.93
