@@ -106,7 +106,7 @@ with folder:
     folder.begin(INPUTS if sys.argv[4] == "same" else OTHER)
     folder.settle({**(INPUTS if sys.argv[4] == "same" else OTHER), "calibration": {"pitch": 0.077}})
     measure(folder, int(sys.argv[2]))
-    print(len(folder.finished), flush=True)
+    print(folder.recorded(), flush=True)
     sys.stdin.readline()
 """
 

@@ -91,7 +91,14 @@ def field(replaced, ratio):
 
 @pytest.mark.parametrize(
     ("replaced", "ratio", "severity"),
-    [(20, 1.5, None), (30, 1.5, "warning"), (30, 4.0, None), (60, 1.5, "unusable"), (60, 4.0, "warning")],
+    [
+        (20, 1.5, None),
+        (30, 1.5, "warning"),
+        (30, 1.3, "unusable"),
+        (30, 4.0, None),
+        (60, 1.5, "unusable"),
+        (60, 4.0, "warning"),
+    ],
 )
 def test_how_many_replaced_vectors_are_too_many(replaced, ratio, severity):
     found = common.finding(field(replaced, ratio), ("a.tif", "b.tif"))

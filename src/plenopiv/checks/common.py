@@ -14,9 +14,10 @@ if TYPE_CHECKING:
     import xarray
 
 NAME = "unrelated"
-MOST_REPLACED = 0.5  # of the vectors: of frames that have nothing in common 0.85 to 0.95
+MOST_REPLACED = 0.5  # of the vectors: of frames that have nothing in common 0.85 to 0.95, 0.45 where there are few
 MANY_REPLACED = 0.25
-CLEAR_PEAK = 2.0  # median ratio of the highest peak to the next; 1.2 of frames that have nothing in common
+# median ratio of the highest peak to the next; 1.2 to 1.4 of frames that have nothing in common
+CLEAR_PEAK, CHANCE_PEAK = 2.0, 1.5
 ADVICE = (
     "are these two frames of one pair, in one orientation? If so: a smaller dt, larger first windows, more light or "
     "particles; plenopiv check tells more"
@@ -28,7 +29,7 @@ def finding(velocity: xarray.Dataset, names: Sequence[str]) -> Finding | None:
     share, ratio = replaced_share(velocity), float(np.nanmedian(velocity["peak_ratio"].values))
     if share < MANY_REPLACED or (share < MOST_REPLACED and ratio > CLEAR_PEAK):
         return None
-    nothing = share > MOST_REPLACED and ratio < CLEAR_PEAK
+    nothing = ratio < (CLEAR_PEAK if share > MOST_REPLACED else CHANCE_PEAK)
     has = "have nothing in common" if nothing else "have little in common"
     words = f"{names[0]} and {names[1]} {has}: {100 * share:.0f} % of the vectors had to be replaced"
     return Finding(NAME, "unusable" if nothing else "warning", words, 100 * share, "%", ADVICE)
