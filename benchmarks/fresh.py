@@ -115,9 +115,8 @@ def make(table: Table) -> None:
     for command in table.commands:
         print(f"{table.name}: {command}", flush=True)
         if code := subprocess.run([sys.executable, *command.split()], cwd=ROOT, check=False).returncode:
-            print(f"{table.name}: {command} ended with {code}", file=sys.stderr)
-            if code != 1:  # 1: made, and a figure that was asked for is not reached
-                raise SystemExit(code)
+            print(f"{table.name}: {command} ended with {code}: not recorded", file=sys.stderr)
+            raise SystemExit(code)
     record(table)
 
 
@@ -134,15 +133,15 @@ def record(table: Table) -> None:
 
 def pages() -> dict[Path, str]:
     """Each page that quotes tables, and docs/fresh.md, with what is stale written into it."""
-    made, stale = records(), dict[str, list[tuple[Table, str]]]()
+    made, stale = records(), dict[str, list[Table]]()
     for table in tables():
         stale.setdefault(table.page, [])
-        if why := table.why_stale(made):
-            stale[table.page].append((table, why))
+        if table.why_stale(made):
+            stale[table.page].append(table)
     out = {}
-    for page, entries in stale.items():
+    for page, those in stale.items():
         if not page.startswith("docs/decisions/"):  # records of their day
-            out[ROOT / page] = _marked((ROOT / page).read_text(encoding="utf-8"), [table for table, _ in entries])
+            out[ROOT / page] = _marked((ROOT / page).read_text(encoding="utf-8"), those)
     return out | {LIST: _list(made)}
 
 

@@ -9,7 +9,8 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT / "benchmarks"))
-fresh = pytest.importorskip("fresh")
+
+import fresh  # noqa: E402
 
 
 def recorded_files():

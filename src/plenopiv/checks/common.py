@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import xarray
 
 NAME = "unrelated"
-MOST_REPLACED = 0.5  # of the vectors: of frames that have nothing in common 0.85 to 0.95, 0.45 where there are few
+MOST_REPLACED = 0.5  # of the vectors: of frames that have nothing in common 0.85 to 0.95, 0.48 where there are few
 MANY_REPLACED = 0.25
 # median ratio of the highest peak to the next; 1.2 to 1.4 of frames that have nothing in common
 CLEAR_PEAK, CHANCE_PEAK = 2.0, 1.5

@@ -50,7 +50,7 @@ def run(
     if chosen is not None:
         (done, count), aside = result.measured, result.summary["set_aside"]
         text = f"{done} of {count} pairs are finished; {command_line('run', file)} puts them together"
-        lines = [*_set_aside(aside, chosen[1] - chosen[0] + 1), text]
+        lines = [*_set_aside(aside, min(chosen[1] + 1, count) - chosen[0]), text]
         return Outcome("\n".join(lines), {"finished": done, "pairs": count}, SET_ASIDE if aside else 0)
     return told(result)
 
