@@ -17,12 +17,13 @@ from runs import without_report
 import plenopiv
 from plenopiv.chain import Chain
 from plenopiv.cli import main
+from plenopiv.device.backend import CPU
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.io import read_velocity
 from plenopiv.io.series_file import open_series
 from plenopiv.io.volumes import read_volume
-from plenopiv.run import kept
+from plenopiv.run import calibrated, kept
 from plenopiv.run.judged import PairJudge
 from plenopiv.run.kept import KeptVolumes
 from plenopiv.simulation.simulated_recording import Seeding
@@ -95,6 +96,20 @@ def test_the_vectors_of_a_whole_run_with_these_windows_bit_for_bit(masked, resul
     assert "nothing to do" in capsys.readouterr().err
     with pytest.raises(PlenoPIVError, match=r"kept no volumes; set output\.volumes = true"):
         plenopiv.correlate(made, windows=WINDOWS)
+
+
+def test_the_camera_is_that_of_the_volumes(masked, monkeypatch):
+    """It is read, not calibrated again; a manifest without one is refused."""
+    monkeypatch.setattr(calibrated, "find_lattice", lambda *given: pytest.fail("calibrated again"))
+    volumes = KeptVolumes.of(masked)
+    recording = volumes.experiment.recording()
+    chain = volumes.chain(volumes.experiment, recording, lambda *stage: None, CPU)
+    summary = volumes.summary["calibration"]
+    assert chain.camera.lattice.offset_mm == tuple(summary["offset_mm"])
+    assert chain.camera.lattice.pitch_mm == summary["pitch_mm"] != volumes.experiment.camera().lattice.pitch_mm
+    del volumes.inputs["calibration"]["camera"]["lattice"]["pitch_mm"]
+    with pytest.raises(PlenoPIVError, match=r"manifest\.jsonl: holds no calibrated camera; run again with --overwrite"):
+        volumes.chain(volumes.experiment, recording, lambda *stage: None, CPU)
 
 
 @pytest.mark.full

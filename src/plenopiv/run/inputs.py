@@ -18,6 +18,7 @@ from plenopiv.chain import Chain
 from plenopiv.device.backend import CPU, Device
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
+from plenopiv.io.camera_tables import tables_of
 from plenopiv.io.manifest import digest_of, sha256
 from plenopiv.io.output import plain
 from plenopiv.recording import ImageSource, Recording
@@ -80,7 +81,7 @@ def calibration_of(chain: Chain, recording: Recording) -> dict[str, Any]:
     static = recording.static_light
     arrays = [*chain.unusable, *([] if static is None else [static.dark, *(static.pulses or ())])]
     return {
-        "cameras": exactly(chain.cameras),
+        "camera": tables_of(chain.camera),
         "counts_per_electron": exactly(chain.counts_per_electron),
         "images": [None if array is None else of_image(array) for array in arrays],
         **({} if chain.space is None else {"space": digest_of(exactly(chain.space))}),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.cameras.drift import ArrayDrift
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.chain import Chain
 from plenopiv.checks import Finding, PairCheck, common
@@ -21,11 +20,12 @@ from plenopiv.device.backend import Device
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.io import manifest as manifests
+from plenopiv.io.camera_tables import camera_of
 from plenopiv.io.manifest import Manifest, changes, digest_of, is_whole
 from plenopiv.io.volumes import read_volume
 from plenopiv.recording import Recording
 from plenopiv.run import space
-from plenopiv.run.calibrated import calibrated_camera, chain_of, with_static_light
+from plenopiv.run.calibrated import chain_of, with_static_light
 from plenopiv.run.frame import Progress
 from plenopiv.run.inputs import COMPUTING, calibrating_files, calibration_of, of_image, stated_inputs
 from plenopiv.run.judged import Judgement, PairJudge
@@ -213,24 +213,24 @@ class KeptVolumes:
         return stated_inputs(experiment, recording, self.inputs["force"], device) | {"volumes": made}
 
     def chain(self, experiment: Experiment, recording: Recording, progress: Progress, device: Device) -> Chain:
-        """The chain that measures between the volumes on a ``device``, with the camera calibrated anew.
+        """The chain that measures between the volumes on a ``device``, of the camera that they were made with.
 
         Raises:
-            PlenoPIVError: the calibration is not that of the run; as ``calibrated_camera`` and ``solid_of``.
+            PlenoPIVError: the manifest holds no camera; window, fluid, body or static light are not as they were; as
+                ``solid_of`` and ``space_of``.
         """
-        solid = solid_of(experiment)
-        camera, _ = calibrated_camera(experiment, recording)
-        if experiment.drift_measured and (drift := self.summary["calibration"].get("drift")):
-            camera = ArrayDrift(tuple(drift["shift_px"]), drift["turn_deg"], drift["scale"]).of(camera)
-        if experiment.blur_measured:
-            camera = replace(camera, blur_mm=self.summary["calibration"]["blur_mm"])
-        stated, unusable = self.inputs["calibration"], recording.unusable
+        solid, stated, unusable = solid_of(experiment), self.inputs["calibration"], recording.unusable
+        try:
+            camera = camera_of(stated["camera"])
+        except (KeyError, TypeError, ValueError):
+            line = f"{self.results / manifests.NAME}: holds no calibrated camera; run again with --overwrite"
+            raise PlenoPIVError(line) from None
         if recording.background_of_frames:
             unusable = self._unusable(recording, camera, progress)
         chain = chain_of(experiment, camera, unusable, solid, space.space_of(experiment, recording))
         found = calibration_of(chain, recording)
         count = len(chain.unusable) if recording.background_of_frames else len(stated["images"])
-        now, then = ([of["cameras"], of["images"][:count], of.get("space")] for of in (found, stated))
+        now, then = ([of["camera"], of["images"][:count], of.get("space")] for of in (found, stated))
         if now != then:
             raise PlenoPIVError(
                 f"{self.results}: its files give another calibration now than when it was run; run again with "
