@@ -3,7 +3,7 @@
 Twenty pairs of the small camera (benchmarks/accuracy/small_recording.py), simulated under build/cluster. Workers are
 killed at random moments, a few in each run, and once the scheduler, after which the same command goes on; each time the
 results are compared, byte by byte, with those of a run without Dask, but for times, memory and hashes of files that
-hold these. Then runs of sixty pairs with one and two workers of one thread take turns, so that what else the machine
+hold these. Then runs of 200 pairs with one and two workers of one thread take turns, so that what else the machine
 does falls on both: a start of Dask and a report take ten seconds whatever the workers. What two cores of the machine
 give at most is measured by two runs without Dask at once against one alone. Writes
 campaigns/results/cluster.json after each run, and goes on where it was stopped; what is recorded for other
