@@ -59,8 +59,10 @@ bench-full: bench  ## and all conditions of docs/accuracy.md, the paper's full s
 
 paper: $(VENV)/.ready  ## draw the source paper's figures anew, and write docs/paper.md from their numbers
 	$(BIN)/python paper/resolution.py
+	$(BIN)/python paper/schematics.py
 	$(BIN)/python paper/point_images.py
 	$(BIN)/python paper/single_particles.py
+	$(BIN)/python paper/gain_in_quality.py
 	$(BIN)/python paper/candidates_over_depth.py
 	$(BIN)/python paper/time_and_density.py
 	$(BIN)/python paper/normalisation.py

@@ -181,9 +181,19 @@ def fill(text: str, name: str, content: str) -> str:
     return re.sub(f"{begin}.*?{end}", lambda _: f"{begin}\n{content}\n{end}", text, flags=re.DOTALL)
 
 
+def gain_in_quality() -> str:
+    """Q of MART and DRT-MART by iterations, relaxation and equations."""
+    rows = [
+        (row["way"], f"{row['mart']:.3f}", f"{row['drt']:.3f}", " to ".join(f"{gain:+.3f}" for gain in row["gain"]))
+        for row in results("gain_in_quality")["ways"]
+    ]
+    return table(("MART", "Q", "Q, DRT-MART", "gain, by depth"), rows)
+
+
 TABLES = {
     "resolution": resolution,
     "single particles": single_particles,
+    "gain in quality": gain_in_quality,
     "time and density": time_and_density,
     "normalisation": normalisation,
     "comparison windows": lambda: comparison_tables.by_depth(results("comparison")["cases"], comparison_tables.WINDOWS),

@@ -40,7 +40,7 @@ from plenopiv.projection.several_cameras import SeveralCameras
 from plenopiv.reconstruction.focus import focus_weight, near_focus
 from plenopiv.reconstruction.mart import Progress
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE
-from plenopiv.reconstruction.reconstruct import Reconstruction, reconstruct
+from plenopiv.reconstruction.reconstruct import Guess, Reconstruction, reconstruct
 from plenopiv.reconstruction.resampling import lens_grid, resampled
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.reconstruction.tiles import Tile
@@ -229,12 +229,13 @@ class Chain:
         name: str = "frame",
         progress: Progress | None = None,
         static: Sequence[NDArray] | None = None,
+        guess: Guess | None = None,
     ) -> Reconstruction:
         """The volume of one frame, on ``lens_grid``; ``images``: an upright image (rows, columns), in counts, of each
         camera.
 
         ``static``: images of the static light, counts above the black level, that was taken off them; its shot noise is
-        left.
+        left. ``guess``: as for ``reconstruct``, on this processor.
 
         Raises:
             PlenoPIVError: images that are not the cameras', or a frame ``name`` that shows no particles.
@@ -247,8 +248,8 @@ class Chain:
         values = self.projection.values_of(images)
         more: dict[str, Any] = {"counts_per_electron": self.counts_per_electron, "background": background}
         more |= {"tiles": self.tiles, "name": name, "progress": progress}
-        if self.device.kind == "cpu":
-            return reconstruct(values, self.projection, self.reconstruction, **more)
+        if self.device.kind == "cpu" or guess is not None:
+            return reconstruct(values, self.projection, self.reconstruction, **more, guess=guess)
         with self.device.in_use():
             from plenopiv.device.reconstruct import reconstruct as reconstruct_on_device
 

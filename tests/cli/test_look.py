@@ -1,5 +1,6 @@
 """check, views and refocus, and how the program speaks to programs."""
 
+import io
 import json
 import subprocess
 import sys
@@ -133,6 +134,21 @@ def test_quiet_leaves_progress_and_notes_out(monkeypatch, capsys):
     assert capsys.readouterr() == ("", "")
     terminal.warning("f-numbers\ndo not match")
     assert capsys.readouterr().err == "plenopiv: warning: f-numbers do not match\n"
+
+
+def test_of_a_long_series_the_last_bars_stay(monkeypatch):
+    """A terminal holds a few bars, not one for each of a thousand frames; one that goes on is never forgotten."""
+    monkeypatch.setattr("sys.stderr", io.StringIO())
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    ticks = iter(range(10_000))
+    monkeypatch.setattr(progress_module, "perf_counter", lambda: float(next(ticks)))
+    with progress_module.Progress() as shown:
+        for frame in range(300):
+            shown("pairs", frame, 300)
+            for done in (0, 1, 2):
+                shown(f"reconstruction of {frame}", done, 2)
+        bars = [task.description for task in shown._bars.tasks]
+    assert bars == ["pairs", *(f"reconstruction of {frame}" for frame in range(293, 300))]
 
 
 class Terminal:

@@ -104,3 +104,18 @@ def test_candidates_over_depth(tmp_path):
         assert on_axis[weights, 0]["voxels"] > 5 * on_axis[weights, -14]["voxels"] > 0  # all of a microlens
         assert on_axis[weights, 0]["planes"] >= 5
     assert on_axis["9-rays", -13]["voxels"] > 2 * on_axis["9-rays", -14]["voxels"]  # a plane apart
+
+
+def test_ways_to_a_gain_in_q(tmp_path):
+    """Every way of MART is measured; with all equations both methods agree, more iterations change little."""
+    import gain_in_quality
+
+    gain_in_quality.main(tmp_path, True)
+    found = {row["way"]: row for row in written(tmp_path, "gain_in_quality")["ways"]}
+    assert len(found) == len(gain_in_quality.WAYS)
+    for way, row in found.items():
+        assert 0.3 < row["mart"] <= 1, way
+        assert row["gain"][0] <= row["drt"] - row["mart"] + 1e-3, way
+        assert row["drt"] - row["mart"] <= row["gain"][1] + 1e-3, way
+        if "dark" not in way:
+            assert max(map(abs, row["gain"])) < 0.03, way

@@ -11,14 +11,15 @@ from plenopiv.cli.terminal import terminal
 QUIET_S = 2.0  # work shorter than this shows nothing
 LINE_S = 30.0  # between two lines of one stage, off a terminal
 EVENT_S = 1.0  # the same as JSON
+MOST_BARS = 8  # at once; of a long series the bars of stages that ended make room
 
 
 class Progress:
     """A callable ``progress(stage, done, total)`` that shows how far each stage is, and when it will be done.
 
-    Use as a context manager. On a terminal every stage is a bar that appears once the work has taken two seconds;
-    elsewhere (a log, a cluster) a line is printed when a stage ends that took longer than that, and every half minute
-    before. ``--json`` makes events of it, ``--quiet`` leaves it out.
+    Use as a context manager. On a terminal every stage is a bar that appears once the work has taken two seconds, the
+    last few of them; elsewhere (a log, a cluster) a line is printed when a stage ends that took longer than that, and
+    every half minute before. ``--json`` makes events of it, ``--quiet`` leaves it out.
     """
 
     def __init__(self) -> None:
@@ -47,6 +48,7 @@ class Progress:
         if terminal.as_json:
             self._event(stage, done, total, now, now - begin)
         elif self._on_terminal:
+            self._ended |= {stage} if done >= total else set()
             self._draw(now)
             if self._bars is not None:
                 self._bars.update(self._tasks[stage], completed=done, total=total)
@@ -97,6 +99,17 @@ class Progress:
             for stage in self._started:
                 if stage not in self._tasks:
                     self._tasks[stage] = self._bars.add_task(stage, total=1.0)
+        self._make_room()
+
+    def _make_room(self) -> None:
+        """Forget the stages that ended first; the last one stays."""
+        gone = [stage for stage in self._started if stage in self._ended][: max(len(self._started) - MOST_BARS, 0)]
+        for stage in gone:
+            if stage != next(reversed(self._started)):
+                del self._started[stage]
+                self._ended.discard(stage)
+                if (bar := self._tasks.pop(stage, None)) is not None:
+                    self._bars.remove_task(bar)
 
 
 def left_s(done: int, total: int, took: float) -> float | None:

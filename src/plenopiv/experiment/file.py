@@ -114,6 +114,11 @@ class Experiment(Table):
                 'camera.main_lens.blur_mm: "auto" needs a camera in air, without [calibration] and [medium]; '
                 "aberration widens particles too: give a number"
             )
+        if self.output.volumes and self.reconstruction.motion_tracking:
+            lines.append(
+                "output.volumes: with reconstruction.motion_tracking each pair has volumes of its own, which are not "
+                "kept; leave out one of the two"
+            )
         return lines
 
     def _volume_contradictions(self) -> list[str]:

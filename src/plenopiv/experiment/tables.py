@@ -303,6 +303,7 @@ class ReconstructionTable(Table):
     threshold: NotNegative | None = None
     focus_reach: NotNegative = ReconstructionSettings.focus_reach
     seed: Annotated[int, Field(ge=0, lt=2**63)] = ReconstructionSettings.seed
+    motion_tracking: Annotated[int, Field(ge=0, le=3)] = ReconstructionSettings.motion_tracking
 
     def settings(self) -> ReconstructionSettings:
         """The same as the reconstruction takes it."""

@@ -7,7 +7,7 @@ starts from (``candidates``). MLOS-MART of pinhole cameras is after Atkinson & S
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -23,7 +23,10 @@ from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.reconstruction.tiles import Tile
 from plenopiv.volume import SparseVolume
 
+Guess = Callable[[SparseVolume], NDArray[np.float32]]
+
 SMALLEST_FLOOR = 0.5  # counts: digitisation alone leaves 0.3
+SHARED = 0.6  # of the iterations, from a first guess that both frames share
 THIN = 0.15  # of the mean voxel of a plenoptic camera: fainter ones are left out
 
 
@@ -69,17 +72,22 @@ def reconstruct(
     name: str = "frame",
     progress: Progress | None = None,
     steps: Steps | None = None,
+    guess: Guess | None = None,
 ) -> Reconstruction:
     """Reconstruct one frame ``values`` (view, pixel), in counts above the black level (``Projection.values_of``).
 
     ``counts_per_electron``: of its shot noise (``noise.counts_per_electron``). ``background`` (view, pixel): counts of
     static light that were taken off, whose shot noise is left. ``tiles``: rows of voxels to be reconstructed one after
     the other (``tiles.cut``); none: the whole volume at once. ``steps``: those of a device, None for this processor's.
+    ``guess``: the light that listed voxels begin with, of any total, where it is known; then fewer iterations do.
 
     Raises:
         PlenoPIVError: the frame ``name`` shows no particles, or none that all cameras see in the same place.
     """
     grid, rows, steps = projection.grid, projection.grid.shape[1], steps or HERE
+    if guess is not None:
+        settings = replace(settings, iterations=max(round(SHARED * settings.iterations), 1))
+        steps = HERE._replace(corrected=partial(_corrected, guess=guess))
     each = projection.each_camera(values)
     behind = [None] * len(each) if background is None else [own for _, own in projection.each_camera(background)]
     noises = [
@@ -124,10 +132,14 @@ def _corrected(
     saturated: NDArray[np.bool_] | None,
     times: float,
     progress: Progress | None,
+    guess: Guess | None = None,
 ) -> tuple[SparseVolume, list[float]]:
     """MART on the listed voxels, and the residual of each iteration. Without a first guess they all start with the same
     light; ``values`` hold the volume's light so many ``times``, as of several cameras."""
-    if (light := even_light(values, settings, times)) is not None:
+    if guess is not None:
+        first = guess(volume)
+        volume.values[:] = first * np.float32(_light(values, times) / first.sum(dtype=np.float64))
+    elif (light := even_light(values, settings, times)) is not None:
         volume.values[:] = light / volume.column.size
     return mart(
         values,
@@ -149,8 +161,11 @@ HERE = Steps(find_candidates, Tile.listed, _corrected, Tile.own_rows)
 
 def even_light(values: NDArray[np.float32], settings: ReconstructionSettings, times: float) -> float | None:
     """Counts that all candidates together start with, each as many; None where there is a first guess of each."""
-    if settings.method == "mlos-mart":
-        return None
+    return None if settings.method == "mlos-mart" else _light(values, times)
+
+
+def _light(values: NDArray[np.float32], times: float) -> float:
+    """Counts of a volume that ``values`` hold so many times."""
     return max(float(values.sum(dtype=np.float64)) / times, 1.0)
 
 

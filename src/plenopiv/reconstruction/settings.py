@@ -28,7 +28,8 @@ class ReconstructionSettings:
     ``threshold``: counts; of the bound, in a pixel that the particle lights wholly in focus. None: from the images, 0.2
     to 0.4 of the typical particle, or three times the noise (``candidates``).
     ``focus_reach``: up to how many dead zones from focus light counts less in the correlation (``focus``); 0 = none.
-    ``seed``: of the random order of views.
+    ``seed``: of the random order of views. ``motion_tracking``: how often both frames of a pair are reconstructed again
+    from a first guess that they share (``plenopiv.motion_tracking``).
     """
 
     method: Method = "drt-mart"
@@ -39,6 +40,7 @@ class ReconstructionSettings:
     threshold: float | None = None
     focus_reach: float = 2.0
     seed: int = 0
+    motion_tracking: int = 0
 
     def through(self, blur_pitches: float) -> ReconstructionSettings:
         """The same through a main lens whose blur has this standard deviation in pitches: light that is spread over

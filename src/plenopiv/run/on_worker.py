@@ -67,9 +67,21 @@ class JobOnWorker(Job):
 
 
 def frame(handle: Handle, number: int) -> Frame | LostFrame:
-    """Frame ``number``, reconstructed; it stays on the worker until its pairs are measured."""
+    """Frame ``number``, reconstructed; it stays on the worker until its pairs are measured.
+
+    Raises:
+        PlenoPIVError: a file cannot be written, the run has ended, or the worker does not see the recording.
+    """
     with _at_work(handle) as job:
-        return job.frame(number, _silent)
+        try:
+            return job.frame(number, _silent)
+        except PlenoPIVError:
+            folder = job.recording.frames[number].path.parent
+            try:
+                folder.stat()
+            except OSError as error:
+                raise _unseen(folder, error) from None
+            raise
 
 
 def pair(handle: Handle, number: int, before: Frame | LostFrame, after: Frame | LostFrame) -> Measured:

@@ -23,6 +23,7 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.io.netcdf import write_velocity
 from plenopiv.io.series_file import pair_file
 from plenopiv.io.volumes import Laboratory, write_volume
+from plenopiv.motion_tracking import reconstruct_together
 from plenopiv.recording import Recording
 from plenopiv.run.frame import Frame, LostFrame, Progress, caught_warnings, reconstructed, taken_or_lost
 from plenopiv.run.inputs import frame_entry
@@ -132,7 +133,23 @@ class Job:
         if record.set_aside is not None:
             return record
         record.summaries = {frame.name: frame.summary() for frame in (before, after)}
+        if self.chain.reconstruction.motion_tracking:
+            return self.completed(record, partial(self._together, before, after, progress), (before.name, after.name))
         return self.measured(record, before.found.volume, after.found.volume, progress)
+
+    def _together(self, before: Frame, after: Frame, progress: Progress) -> xarray.Dataset:
+        """The field between two frames that are reconstructed again from what they share."""
+        frames, known = (before, after), self.recording.static_light is not None
+        volumes = reconstruct_together(
+            self.chain,
+            [frame.image for frame in frames],
+            [frame.found.volume for frame in frames],
+            [frame.name for frame in frames],
+            [self.recording.light(frame.number)[1] if known else None for frame in frames],
+            progress,
+        )
+        time_s = self.recording.mid_time_s(self.recording.pairs.index((before.number, after.number)))
+        return self.chain.velocity(*volumes, self.recording.dt_s, time_s, progress)
 
     def measured(self, record: PairRecord, a: SparseVolume, b: SparseVolume, progress: Progress) -> PairRecord:
         """Measure the field between the volumes of a pair's frames, judge and write it, and complete its record.

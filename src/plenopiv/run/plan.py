@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numba
 
 from plenopiv.chain import Chain
+from plenopiv.reconstruction.reconstruct import SHARED
 from plenopiv.reconstruction.tiles import Tile, cut
 from plenopiv.run import duration, memory
 from plenopiv.run.duration import TimeEstimate
@@ -69,6 +70,8 @@ def plan(chain: Chain, memory_gb: float | None = None) -> Plan:
         needed = needed.in_tiles(largest / rows)
     takes = duration.of_settings(*settings, numba.get_num_threads(), chain.lens_grid)
     takes = replace(takes, frame=takes.frame * sum(tile.high - tile.low for tile in tiles) / rows)
+    if again := chain.reconstruction.motion_tracking:
+        takes = replace(takes, pair=takes.pair + again * (takes.pair + 2 * SHARED * takes.frame))
     planned = Plan(chain.with_tiles(tiles), needed, takes)
     return planned if chain.device.kind == "cpu" else _on_device(planned, tiles)
 
