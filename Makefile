@@ -68,6 +68,7 @@ paper: $(VENV)/.ready  ## draw the source paper's figures anew, and write docs/p
 	$(BIN)/python paper/normalisation.py
 	$(BIN)/python paper/comparison.py reduced
 	$(BIN)/python paper/needed.py
+	$(BIN)/python paper/both_frames.py
 	$(BIN)/python paper/page.py
 
 paper-full: paper  ## and the comparison of section 4 in all of the paper's volume: hours, 16 GB

@@ -2,7 +2,8 @@
 
 tables.toml names every recorded table, made.json what each was made with: the defaults of the settings that it depends
 on, and for each stage the number of the last decision (docs/decisions) that changed what the stage gives. A table whose
-record is not today's, or whose content is not the one that was recorded, is stale.
+record is not today's, or whose content is not the one that was recorded, is stale. A setting that is new changes
+nothing by itself: where its default does, a decision says so.
 
     benchmarks/fresh.py                   list all of them; exit code 1 where one is stale
     benchmarks/fresh.py --again           make stale ones anew, one after the other; call it again to go on after a stop
@@ -80,7 +81,8 @@ class Table:
         today, found = self.made_with_today(), []
         for stage in self.stages:
             was, now = record["made_with"].get(stage, {}), json.loads(json.dumps(today[stage]))
-            found += [f"{stage}.{key} {was.get(key)} -> {now[key]}" for key in now if was.get(key) != now[key]]
+            changed = [key for key in now if key in was and was[key] != now[key]]
+            found += [f"{stage}.{key} {was[key]} -> {now[key]}" for key in changed]
         return "; ".join(found)
 
 

@@ -82,7 +82,8 @@ def correlation_of(
 @dataclass(frozen=True)
 class Reconstructed:
     """Both volumes of a measurement, and the chain that made them. ``seen``: of a field and half the last window, the
-    windows that are seen; the rest as in ``Measured``."""
+    windows that are seen; ``images``: of both frames, where they were reconstructed from any; the rest as in
+    ``Measured``."""
 
     setting: Setting
     chain: Chain
@@ -91,6 +92,7 @@ class Reconstructed:
     volumes: tuple[SparseVolume, SparseVolume]
     candidates: float
     clock: Clock
+    images: tuple[NDArray, ...] = ()
 
     def correlated(
         self, inner_window: Window | None = None, inner_overlap: float = CorrelationSettings.inner_overlap
@@ -154,12 +156,14 @@ def reconstruct_light_field(setting: LightFieldSetting, flow: Velocity, seed: in
     """Simulate and reconstruct as a run does. The lattice is known: calibration from a white image is left out."""
     clock, particles, camera = Clock(), seeded(setting, flow, seed), camera_of(setting)
     chain, rng = Chain((camera,), setting.grid, counts_per_electron=NOISE.gain), np.random.default_rng(seed + 1)
-    frames = list[Reconstruction]()
+    frames, images = list[Reconstruction](), list[NDArray]()
     for number, now in enumerate(particles):
         light = particle_image(camera, now, rays=setting.rays, seed=2 * seed + number, diffraction_nm=WAVELENGTH_NM)
         counts = digitise(light + Seeding.background_electrons, camera.sensor, NOISE, rng)
         clock.lap("simulation")
+        images.append(counts)
         frames.append(chain.reconstruct([counts]))
         clock.lap("reconstruction")
     a, b = (frame.volume for frame in frames)
-    return Reconstructed(setting, chain, seen_by(camera), particles, (a, b), frames[0].candidates, clock)
+    about = setting, chain, seen_by(camera), particles, (a, b), frames[0].candidates, clock
+    return Reconstructed(*about, tuple(images))

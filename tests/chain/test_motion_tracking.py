@@ -135,6 +135,18 @@ def test_fluid_at_rest_is_measured_no_worse():
     assert np.sqrt((found.displacement**2).mean()) < 1.05 * np.sqrt((alone.displacement**2).mean()) + 1e-3
 
 
+@pytest.mark.full
+def test_in_tiles_it_is_the_same():
+    """But for the views' equations at the tiles' borders, of which margins take most."""
+    both = chain(motion_tracking=1)
+    images, _ = frames(both, 60, MOVED_MM)
+    volumes = [both.reconstruct([image]).volume for image in images]
+    tiled = both.with_tiles(cut(GRID.shape[1], 2, both.projection.passage))
+    for whole, parts in zip(*(reconstruct_together(c, images, volumes) for c in (both, tiled)), strict=True):
+        a, b = (volume.slab(0, GRID.shape[0]).ravel() for volume in (whole, parts))
+        assert np.corrcoef(a, b)[0, 1] > 0.98
+
+
 def test_without_passes_volumes_are_those_of_each_frame():
     one = chain()
     images, _ = frames(one, 50, MOVED_MM)

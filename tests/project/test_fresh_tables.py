@@ -63,6 +63,16 @@ def test_a_changed_default_decision_or_content_makes_a_table_stale(monkeypatch):
     assert "reconstruction.iterations 5 -> 6" in table.why_stale(made)
 
 
+def test_a_setting_that_is_new_makes_none_stale(monkeypatch):
+    """What it changes by default is a decision, which has a number."""
+    table = next(table for table in fresh.tables() if table.name == "accuracy/ensemble")
+    made = {table.file: {"content": table.content(), "made_with": json.loads(json.dumps(table.made_with_today()))}}
+    settings = fresh.settings_today()
+    settings["reconstruction"]["brand_new"] = 1
+    monkeypatch.setattr(fresh, "settings_today", lambda: settings)
+    assert table.why_stale(made) == ""
+
+
 def test_a_page_has_a_line_while_one_of_its_tables_is_stale(monkeypatch):
     text = "# Title\n\nFirst words.\n"
     table = fresh.tables()[0]

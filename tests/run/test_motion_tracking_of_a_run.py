@@ -1,4 +1,4 @@
-"""``reconstruction.motion_tracking``: the vectors of a run are those between frames that were reconstructed together."""
+"""``reconstruction.motion_tracking``: vectors of a run are those between frames that were reconstructed together."""
 
 from dataclasses import replace
 
