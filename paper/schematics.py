@@ -31,9 +31,7 @@ LARGE = replace(
     CAMERA,
     lattice=Lattice("square", PITCH_MM),
     microlens_focal_length_mm=PITCH_MM * MATCHED_MM,
-    sensor=Sensor(
-        PIXELS * LENSES, PIXELS * LENSES, PITCH_MM * (1 + 1 / CAMERA.main_lens.aperture_mm * PITCH_MM) / PIXELS, 12
-    ),
+    sensor=Sensor(2 * PIXELS * LENSES, 2 * PIXELS * LENSES, PITCH_MM / PIXELS, 12),
 )
 GREY = "#8a939c"
 OF_RAY_MM, V_MM = (22.0, 4.0), 8.0  # z and y of the particle of Fig. 2, and where its ray meets the main lens
@@ -83,8 +81,9 @@ def draw_camera(ax: Axes, camera: PlenopticCamera, lenses: int) -> None:
     for k in range(-(lenses // 2), lenses // 2 + 1):
         ax.add_patch(Ellipse((mla, k * pitch), 0.3 * pitch, pitch, fc="#dce8f2", ec=BLUE, lw=0.8, zorder=2))
     size = camera.sensor.pixel_pitch_mm
-    for row in range(lenses * PIXELS):
-        low = (row - 0.5 * lenses * PIXELS) * size
+    rows = 2 * int(0.5 * lenses * pitch * (1.0 + camera.image_scale) / size) + 1
+    for row in range(rows):
+        low = (row - 0.5 * rows) * size
         ax.add_patch(Rectangle((sensor, low), 2.0, size, fc="white", ec=GREY, lw=0.4, zorder=2))
     ax.set(xlabel="distance from the focal plane, toward the camera, mm", ylabel="y, mm")
 
