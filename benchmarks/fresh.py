@@ -81,8 +81,8 @@ class Table:
         today, found = self.made_with_today(), []
         for stage in self.stages:
             was, now = record["made_with"].get(stage, {}), json.loads(json.dumps(today[stage]))
-            changed = [key for key in now if key in was and was[key] != now[key]]
-            found += [f"{stage}.{key} {was[key]} -> {now[key]}" for key in changed]
+            changed = [key for key in now if (key in was or key == "decision") and was.get(key) != now[key]]
+            found += [f"{stage}.{key} {was.get(key)} -> {now[key]}" for key in changed]
         return "; ".join(found)
 
 

@@ -92,8 +92,9 @@ def measure(depths: tuple[int, ...], across: int, rays: int) -> list[dict[str, o
 
 def main(out: Path, reduced: bool) -> None:
     """Measure and write."""
-    found = measure(DEPTHS[::4], 65, 20_000) if reduced else measure(DEPTHS, NARROW, RAYS)
-    write_numbers(out, "gain_in_quality", {"depths_mm": [d * VOXEL_MM[2] for d in DEPTHS], "ways": found})
+    depths, rest = (DEPTHS[::4], (65, 20_000)) if reduced else (DEPTHS, (NARROW, RAYS))
+    found = measure(depths, *rest)
+    write_numbers(out, "gain_in_quality", {"depths_mm": [d * VOXEL_MM[2] for d in depths], "ways": found})
 
 
 if __name__ == "__main__":

@@ -79,7 +79,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("build/motion_tracking"), metavar="DIR")
     options = parser.parse_args()
     warnings.simplefilter("ignore", PlenoPIVWarning)
-    found: dict[str, dict[str, dict]] = {}
+    found: dict[str, dict[str, dict]] = json.loads(RECORDED.read_text()) if RECORDED.exists() else {}
     for name in options.names:
         folder = options.out / name
         if not (folder / "experiment.toml").exists():

@@ -25,7 +25,7 @@ from plenopiv.displacement.predictor import SplineField, fit_spline
 from plenopiv.volume import SparseVolume
 
 FAINTEST = 0.1  # of the guess's mean, added to every candidate: MART multiplies, and what is 0 stays so
-VOXELS_AT_ONCE = 1 << 22
+VOXELS_AT_ONCE = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,8 @@ class SharedGuess:
             start = volume.row_start[lo * ny : hi * ny + 1]
             row = np.repeat(np.arange((hi - lo) * ny), np.diff(start))
             out[start[0] : start[-1]] = light.reshape(-1, nx)[row, volume.column[start[0] : start[-1]]]
-        return out + np.float32(FAINTEST) * out.mean(dtype=np.float64).astype(np.float32)
+        out += np.float32(FAINTEST) * out.mean(dtype=np.float64).astype(np.float32)
+        return out
 
 
 def displacement_of_frame(chain: Chain, field: DisplacementField, sign: int) -> SplineField:

@@ -1,6 +1,7 @@
 """Both frames of a pair reconstructed together: where voxels go, what they begin with, and what it is good for."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -104,6 +105,35 @@ def ghost_share(volume, at_mm):
         near[max(z - 1, 0) : z + 2, max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2] = True
     dense = volume.slab(0, GRID.shape[0])
     return float(dense[~near].sum() / dense.sum())
+
+
+def test_each_frame_begins_with_the_other_where_the_flow_takes_it(monkeypatch):
+    """The other frame's light is where the own one's is, and was not before it was moved."""
+    both, guesses = chain(motion_tracking=1), []
+    images, _ = frames(both, 60, MOVED_MM)
+    volumes = [both.reconstruct([image]).volume for image in images]
+
+    def kept(self, images, name, progress, static, guess):
+        guesses.append(guess)
+        return SimpleNamespace(volume=guess.own)
+
+    monkeypatch.setattr(Chain, "reconstruct", kept)
+    assert reconstruct_together(both, images, volumes) == tuple(volumes)
+    for guess, own, other in zip(guesses, volumes, volumes[::-1], strict=True):
+        assert guess.own is own
+        light, moved, still = (v.slab(0, GRID.shape[0]).ravel() for v in (own, guess.moved, other))
+        assert np.corrcoef(light, moved)[0, 1] > 0.6
+        assert np.corrcoef(light, still)[0, 1] < 0.3
+
+
+def test_a_guess_without_light_is_even():
+    """As in the margin of a tile, of which both volumes have nothing."""
+    one = chain()
+    images, _ = frames(one, 60, MOVED_MM)
+    nothing = one.reconstruct([images[0]], guess=lambda volume: np.zeros(volume.values.size, np.float32)).volume
+    even = one.reconstruct([images[0]], guess=lambda volume: np.ones(volume.values.size, np.float32)).volume
+    assert nothing.values.tobytes() == even.values.tobytes()
+    assert np.isfinite(nothing.values).all()
 
 
 @pytest.mark.full

@@ -151,6 +151,21 @@ def test_of_a_long_series_the_last_bars_stay(monkeypatch):
     assert bars == ["pairs", *(f"reconstruction of {frame}" for frame in range(293, 300))]
 
 
+def test_a_stage_may_end_while_many_others_have_not(monkeypatch):
+    """As where a tile without candidates reports nothing."""
+    monkeypatch.setattr("sys.stderr", io.StringIO())
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    ticks = iter(range(10_000))
+    monkeypatch.setattr(progress_module, "perf_counter", lambda: float(next(ticks)))
+    with progress_module.Progress() as shown:
+        shown("pairs", 0, 20)
+        for frame in range(20):
+            shown(f"reconstruction of {frame}", 1, 2)
+        shown("pairs", 20, 20)
+        shown("pairs", 20, 20)
+        assert len(shown._bars.tasks) >= 20
+
+
 class Terminal:
     def __init__(self, is_one):
         self.isatty = lambda: is_one

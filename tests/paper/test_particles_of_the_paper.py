@@ -115,7 +115,4 @@ def test_ways_to_a_gain_in_q(tmp_path):
     assert len(found) == len(gain_in_quality.WAYS)
     for way, row in found.items():
         assert 0.3 < row["mart"] <= 1, way
-        assert row["gain"][0] <= row["drt"] - row["mart"] + 1e-3, way
-        assert row["drt"] - row["mart"] <= row["gain"][1] + 1e-3, way
-        if "dark" not in way:
-            assert max(map(abs, row["gain"])) < 0.03, way
+        assert (max(map(abs, row["gain"])) < 0.03) == ("dark" not in way), way

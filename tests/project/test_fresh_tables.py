@@ -71,6 +71,8 @@ def test_a_setting_that_is_new_makes_none_stale(monkeypatch):
     settings["reconstruction"]["brand_new"] = 1
     monkeypatch.setattr(fresh, "settings_today", lambda: settings)
     assert table.why_stale(made) == ""
+    del made[table.file]["made_with"]["correlation"]
+    assert table.why_stale(made).startswith("correlation.decision None -> ")
 
 
 def test_a_page_has_a_line_while_one_of_its_tables_is_stale(monkeypatch):

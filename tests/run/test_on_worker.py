@@ -4,6 +4,7 @@ import hashlib
 import pickle
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numba
 import pytest
@@ -50,6 +51,20 @@ def test_nothing_is_written_once_the_run_has_ended(handle):
         handle.job.unlink()
         with pytest.raises(PlenoPIVError, match="the run that this pair belongs to has ended"):
             job._path("pairs/b.nc")
+
+
+@pytest.mark.parametrize(("there", "words"), [(False, "nowhere: the worker on .* cannot read it"), (True, "is gone")])
+def test_a_worker_that_does_not_see_the_recording(handle, tmp_path, monkeypatch, there, words):
+    source = SimpleNamespace(path=(tmp_path if there else tmp_path / "nowhere") / "a.tif")
+    content = pickle.dumps(Job(None, SimpleNamespace(frames=[source]), None, tmp_path / "work", "a test"))
+    handle.job.write_bytes(content)
+
+    def gone(self, number, progress):
+        raise PlenoPIVError(f"{source.path}: is gone since the run began")
+
+    monkeypatch.setattr(on_worker.JobOnWorker, "frame", gone)
+    with pytest.raises(PlenoPIVError, match=words):
+        on_worker.frame(replace(handle, digest=hashlib.sha256(content).hexdigest()), 0)
 
 
 @pytest.mark.parametrize(

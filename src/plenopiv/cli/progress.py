@@ -52,6 +52,7 @@ class Progress:
             self._draw(now)
             if self._bars is not None:
                 self._bars.update(self._tasks[stage], completed=done, total=total)
+            self._make_room()
         else:
             self._line(stage, done, total, now, now - begin)
 
@@ -99,17 +100,15 @@ class Progress:
             for stage in self._started:
                 if stage not in self._tasks:
                     self._tasks[stage] = self._bars.add_task(stage, total=1.0)
-        self._make_room()
 
     def _make_room(self) -> None:
-        """Forget the stages that ended first; the last one stays."""
+        """Forget the stages that ended first."""
         gone = [stage for stage in self._started if stage in self._ended][: max(len(self._started) - MOST_BARS, 0)]
         for stage in gone:
-            if stage != next(reversed(self._started)):
-                del self._started[stage]
-                self._ended.discard(stage)
-                if (bar := self._tasks.pop(stage, None)) is not None:
-                    self._bars.remove_task(bar)
+            del self._started[stage]
+            self._ended.discard(stage)
+            if (bar := self._tasks.pop(stage, None)) is not None:
+                self._bars.remove_task(bar)
 
 
 def left_s(done: int, total: int, took: float) -> float | None:

@@ -25,7 +25,7 @@ def camera_of(tables: Mapping[str, Any]) -> PlenopticCamera:
     """The camera that ``tables_of`` made them of; without "blur_mm" that of a sharp lens.
 
     Raises:
-        KeyError, TypeError, ValueError: a key is missing, strange, or holds no number.
+        AttributeError, KeyError, TypeError, ValueError: a key is missing, strange, or holds no number or table.
     """
     moved, rim = tables["lattice"].get("map"), tables.get("rim")
     lattice = {k: v for k, v in tables["lattice"].items() if k != "map"} | {"map": None}

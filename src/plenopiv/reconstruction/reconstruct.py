@@ -137,10 +137,15 @@ def _corrected(
     """MART on the listed voxels, and the residual of each iteration. Without a first guess they all start with the same
     light; ``values`` hold the volume's light so many ``times``, as of several cameras."""
     if guess is not None:
-        first = guess(volume)
-        volume.values[:] = first * np.float32(_light(values, times) / first.sum(dtype=np.float64))
-    elif (light := even_light(values, settings, times)) is not None:
-        volume.values[:] = light / volume.column.size
+        light, first = _light(values, times), guess(volume)
+        total = float(first.sum(dtype=np.float64))
+        if total > 0:
+            np.multiply(first, np.float32(light / total), out=volume.values)
+        else:  # nothing of either frame, as in a tile's margin
+            volume.values[:] = light / first.size
+        del first
+    elif (even := even_light(values, settings, times)) is not None:
+        volume.values[:] = even / volume.column.size
     return mart(
         values,
         projection,

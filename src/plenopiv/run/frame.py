@@ -36,7 +36,7 @@ Taken = TypeVar("Taken", bound=OfAFrame)
 class Frame:
     """A frame of a recording, reconstructed: its number from 0, where it came from, its upright image in counts
     without static light, the share of its light that the volume does not explain (``unexplained_share``), its entry in
-    the manifest, and what was warned of."""
+    the manifest, what was warned of, and the static light where it will be reconstructed again."""
 
     number: int
     source: ImageSource
@@ -45,6 +45,7 @@ class Frame:
     unexplained: float | None
     entry: dict[str, Any]
     warned: tuple[str, ...] = ()
+    static: NDArray | None = None
 
     @property
     def name(self) -> str:
@@ -90,7 +91,8 @@ def reconstructed(chain: Chain, recording: Recording, number: int, progress: Pro
     left = None
     if isinstance(chain.projection, PlenopticProjector):
         left = unexplained_share(chain.projection, found.volume, light, found.noise)
-    return Frame(number, source, light, found, left, entry | {"sha256": of_image(light)})
+    again = static if chain.reconstruction.motion_tracking else None
+    return Frame(number, source, light, found, left, entry | {"sha256": of_image(light)}, static=again)
 
 
 def taken_or_lost(recording: Recording, number: int, take: Callable[[], Taken]) -> Taken | LostFrame:

@@ -23,6 +23,8 @@ SPREAD = 4.4  # voxels of the laboratory that share the light of one of lens spa
 MEASURED = 0.1, 6  # share of the voxels that both volumes hold while they are correlated, and bytes of each
 MOST_TILES = 64
 LAYER = 4.0  # planes for each plane of the deepest windows: of two volumes those in use, the next, and their sources
+# With a first guess of both frames: times what volumes take, bytes, and bytes for each voxel of a plane (20 planes).
+GUESSED = 1.25, 25e6, 80.0
 HELD = 0.3, 100e6  # share of it, and most of it, that the C library keeps once it is free: large arrays are returned
 DEEPEST = max(window[2] for window in CorrelationSettings().windows)
 
@@ -114,7 +116,11 @@ def of_settings(
 ) -> MemoryEstimate:
     """``estimate`` of a run with these settings."""
     deepest = max(window[2] for window in correlation.windows)
-    return estimate(camera, grid, deepest=deepest, every_voxel=reconstruction.method == "mart", lens=lens)
+    found = estimate(camera, grid, deepest=deepest, every_voxel=reconstruction.method == "mart", lens=lens)
+    if not reconstruction.motion_tracking:
+        return found
+    _, ny, nx = (lens or grid).shape
+    return replace(found, volumes=GUESSED[0] * found.volumes + GUESSED[1] + GUESSED[2] * ny * nx)
 
 
 def tiles_within(needed: MemoryEstimate, limit: float, rows: int, passage: int) -> list[Tile]:

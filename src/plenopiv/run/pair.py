@@ -139,13 +139,13 @@ class Job:
 
     def _together(self, before: Frame, after: Frame, progress: Progress) -> xarray.Dataset:
         """The field between two frames that are reconstructed again from what they share."""
-        frames, known = (before, after), self.recording.static_light is not None
+        frames = before, after
         volumes = reconstruct_together(
             self.chain,
             [frame.image for frame in frames],
             [frame.found.volume for frame in frames],
             [frame.name for frame in frames],
-            [self.recording.light(frame.number)[1] if known else None for frame in frames],
+            [frame.static for frame in frames],
             progress,
         )
         time_s = self.recording.mid_time_s(self.recording.pairs.index((before.number, after.number)))

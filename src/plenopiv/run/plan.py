@@ -70,10 +70,12 @@ def plan(chain: Chain, memory_gb: float | None = None) -> Plan:
         needed = needed.in_tiles(largest / rows)
     takes = duration.of_settings(*settings, numba.get_num_threads(), chain.lens_grid)
     takes = replace(takes, frame=takes.frame * sum(tile.high - tile.low for tile in tiles) / rows)
-    if again := chain.reconstruction.motion_tracking:
-        takes = replace(takes, pair=takes.pair + again * (takes.pair + 2 * SHARED * takes.frame))
     planned = Plan(chain.with_tiles(tiles), needed, takes)
-    return planned if chain.device.kind == "cpu" else _on_device(planned, tiles)
+    if chain.device.kind != "cpu":
+        planned = _on_device(planned, tiles)
+    again, pair = chain.reconstruction.motion_tracking, planned.takes.pair  # frames again on this processor
+    whole = replace(planned.takes, pair=pair + again * (pair + 2 * SHARED * takes.frame))
+    return replace(planned, takes=whole)
 
 
 def _on_device(planned: Plan, tiles: list[Tile]) -> Plan:

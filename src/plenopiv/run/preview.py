@@ -169,6 +169,7 @@ def cropped(experiment: Experiment, space: SpaceMap | None = None) -> tuple[Sens
     tables = experiment.model_dump(by_alias=True, exclude_none=True)
     tables["camera"]["sensor"] |= {"columns": part.columns, "rows": part.rows, "alignment": "low"}
     tables["volume"] |= {"x_mm": list(limits[0]), "y_mm": list(limits[1]), "voxel_mm": list(voxel)}
+    tables["reconstruction"]["motion_tracking"] = 0
     tables["reconstruction"]["iterations"] = min(ITERATIONS, experiment.reconstruction.iterations)
     tables["correlation"]["windows"] = _windows(
         experiment.correlation.windows, (limits[0], limits[1], volume.z_mm), voxel
