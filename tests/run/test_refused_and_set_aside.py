@@ -11,6 +11,7 @@ import plenopiv
 from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
+from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.run.frame import reconstructed
 from plenopiv.run.inputs import changed_frame, frame_entry, of_image
 
@@ -106,6 +107,7 @@ def test_the_manifest_has_a_frame_s_file_as_it_was_when_it_was_read(experiment, 
 
     class Meanwhile:
         projection = None
+        reconstruction = ReconstructionSettings()
 
         def reconstruct(self, *given):
             shutil.copy(other, path) if then == "replaced" else path.unlink()
