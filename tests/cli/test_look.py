@@ -136,13 +136,19 @@ def test_quiet_leaves_progress_and_notes_out(monkeypatch, capsys):
     assert capsys.readouterr().err == "plenopiv: warning: f-numbers do not match\n"
 
 
-def test_of_a_long_series_the_last_bars_stay(monkeypatch):
-    """A terminal holds a few bars, not one for each of a thousand frames; one that goes on is never forgotten."""
+@pytest.fixture
+def on_a_terminal(monkeypatch):
+    """Progress that a person watches, a second from one call to the next."""
     monkeypatch.setattr("sys.stderr", io.StringIO())
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     ticks = iter(range(10_000))
     monkeypatch.setattr(progress_module, "perf_counter", lambda: float(next(ticks)))
-    with progress_module.Progress() as shown:
+    return progress_module.Progress()
+
+
+def test_of_a_long_series_the_last_bars_stay(on_a_terminal):
+    """A terminal holds a few bars, not one for each of a thousand frames; one that goes on is never forgotten."""
+    with on_a_terminal as shown:
         for frame in range(300):
             shown("pairs", frame, 300)
             for done in (0, 1, 2):
@@ -151,13 +157,9 @@ def test_of_a_long_series_the_last_bars_stay(monkeypatch):
     assert bars == ["pairs", *(f"reconstruction of {frame}" for frame in range(293, 300))]
 
 
-def test_a_stage_may_end_while_many_others_have_not(monkeypatch):
+def test_a_stage_may_end_while_many_others_have_not(on_a_terminal):
     """As where a tile without candidates reports nothing."""
-    monkeypatch.setattr("sys.stderr", io.StringIO())
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    ticks = iter(range(10_000))
-    monkeypatch.setattr(progress_module, "perf_counter", lambda: float(next(ticks)))
-    with progress_module.Progress() as shown:
+    with on_a_terminal as shown:
         shown("pairs", 0, 20)
         for frame in range(20):
             shown(f"reconstruction of {frame}", 1, 2)

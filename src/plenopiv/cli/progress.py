@@ -48,7 +48,8 @@ class Progress:
         if terminal.as_json:
             self._event(stage, done, total, now, now - begin)
         elif self._on_terminal:
-            self._ended |= {stage} if done >= total else set()
+            if done >= total:
+                self._ended.add(stage)
             self._draw(now)
             if self._bars is not None:
                 self._bars.update(self._tasks[stage], completed=done, total=total)

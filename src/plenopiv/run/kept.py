@@ -230,7 +230,7 @@ class KeptVolumes:
         chain = chain_of(experiment, camera, unusable, solid, space.space_of(experiment, recording))
         found = calibration_of(chain, recording)
         count = len(chain.unusable) if recording.background_of_frames else len(stated["images"])
-        now, then = ([of["camera"], of["images"][:count], of.get("space")] for of in (found, stated))
+        now, then = ([of["images"][:count], of.get("space")] for of in (found, stated))
         if now != then:
             raise PlenoPIVError(
                 f"{self.results}: its files give another calibration now than when it was run; run again with "

@@ -134,13 +134,13 @@ class Job:
             return record
         record.summaries = {frame.name: frame.summary() for frame in (before, after)}
         if self.chain.reconstruction.motion_tracking:
-            return self.completed(record, partial(self._together, before, after, progress), (before.name, after.name))
+            return self._measured(record, partial(self._together, before, after, progress), progress)
         return self.measured(record, before.found.volume, after.found.volume, progress)
 
-    def _together(self, before: Frame, after: Frame, progress: Progress) -> xarray.Dataset:
-        """The field between two frames that are reconstructed again from what they share."""
+    def _together(self, before: Frame, after: Frame, progress: Progress) -> tuple[SparseVolume, SparseVolume]:
+        """The volumes of two frames that are reconstructed again from what they share."""
         frames = before, after
-        volumes = reconstruct_together(
+        return reconstruct_together(
             self.chain,
             [frame.image for frame in frames],
             [frame.found.volume for frame in frames],
@@ -148,8 +148,6 @@ class Job:
             [frame.static for frame in frames],
             progress,
         )
-        time_s = self.recording.mid_time_s(self.recording.pairs.index((before.number, after.number)))
-        return self.chain.velocity(*volumes, self.recording.dt_s, time_s, progress)
 
     def measured(self, record: PairRecord, a: SparseVolume, b: SparseVolume, progress: Progress) -> PairRecord:
         """Measure the field between the volumes of a pair's frames, judge and write it, and complete its record.
@@ -157,8 +155,16 @@ class Job:
         Raises:
             PlenoPIVError: a file cannot be written; nothing is found in the only pair.
         """
+        return self._measured(record, lambda: (a, b), progress)
+
+    def _measured(
+        self, record: PairRecord, volumes: Callable[[], tuple[SparseVolume, SparseVolume]], progress: Progress
+    ) -> PairRecord:
+        """``measured`` of volumes that are made when they are asked for."""
         time_s, names = self.recording.mid_time_s(record.pair), (record.frames[0]["name"], record.frames[1]["name"])
-        return self.completed(record, lambda: self.chain.velocity(a, b, self.recording.dt_s, time_s, progress), names)
+        return self.completed(
+            record, lambda: self.chain.velocity(*volumes(), self.recording.dt_s, time_s, progress), names
+        )
 
     def completed(
         self,
