@@ -23,7 +23,6 @@ import numpy as np
 import xarray as xr
 from numba_versions import sources_hash
 
-from plenopiv.accuracy import score_velocity
 from plenopiv.experiment import Experiment
 from plenopiv.io.netcdf import read_velocity
 
@@ -53,13 +52,12 @@ def computed(name: str, device: str, results: str = "") -> Path:
     return folder / results
 
 
-def rms_errors(velocity: xr.Dataset, experiment: Experiment, folder: Path) -> list[float]:
+def rms_errors(velocity: xr.Dataset, experiment: Experiment) -> list[float]:
     """RMS errors along x, y, z against the particles, in voxels."""
-    about: dict[str, Any] = {"dt_s": experiment.recording_table.dt_s, "voxel_mm": experiment.volume.voxel_mm}
-    with np.load(folder / "truth_particles.npz") as particles:
-        a, b = particles["a"], particles["b"]
-    about["window_voxels"] = experiment.correlation.windows[-1]
-    return list(score_velocity(velocity, a, b, experiment.camera(), **about).as_dict()["final"]["rms"])
+    sys.path.insert(0, str(ROOT / "benchmarks" / "accuracy"))
+    from true_particles import scored
+
+    return list(scored(velocity, experiment).as_dict()["final"]["rms"])
 
 
 def beside(name: str) -> dict[str, Any]:
@@ -71,7 +69,7 @@ def beside(name: str) -> dict[str, Any]:
     both = (usual.valid.values == 1) & (found.valid.values == 1)
     step = 1e-3 * np.array(experiment.volume.voxel_mm) / experiment.recording_table.dt_s
     apart = [np.sqrt(np.mean((found[k].values - usual[k].values)[both] ** 2)) for k in "uvw"] / step
-    errors = [rms_errors(velocity, experiment, folders[0].parent) for velocity in (usual, found)]
+    errors = [rms_errors(velocity, experiment) for velocity in (usual, found)]
     again = {}
     if name in TWICE:
         twice = read_velocity(computed(name, DEVICES[-1], "again") / "velocity.nc")

@@ -12,10 +12,10 @@ import json
 import tempfile
 from pathlib import Path
 
-import numpy as np
+from true_particles import scored
 
 import plenopiv
-from plenopiv.accuracy import Score, pooled, score_velocity
+from plenopiv.accuracy import Score, pooled
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.presets import preset
 from plenopiv.design.advice import Measurement, suggested
@@ -46,16 +46,7 @@ def recorded(camera: PlenopticCamera, measured: Measurement, folder: Path, seed:
     )
     experiment = Experiment.load(folder / "experiment.toml")
     found = plenopiv.process(experiment, overwrite=True)
-    with np.load(folder / "truth_particles.npz") as truth:
-        return score_velocity(
-            found.velocity,
-            truth["a"],
-            truth["b"],
-            experiment.camera(),
-            dt_s=DT_S,
-            voxel_mm=measured.voxel_mm,
-            window_voxels=measured.windows[-1],
-        )
+    return scored(found.velocity, experiment)
 
 
 def main() -> None:

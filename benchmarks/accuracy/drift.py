@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 import tifffile
 from small_recording import CAMERA, DT_S, NOISE, RAYS, rotation
+from true_particles import scored
 
 import plenopiv
-from plenopiv.accuracy import score_velocity
 from plenopiv.calibration import find_lattice
 from plenopiv.calibration.drift import find_drift
 from plenopiv.cameras.drift import ArrayDrift
@@ -96,16 +96,7 @@ def measure(folder, way, true):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlenoPIVWarning)
         result = plenopiv.process(experiment, overwrite=True, force=way == "none")
-    with np.load(folder / "truth_particles.npz") as particles:
-        score = score_velocity(
-            result.velocity,
-            particles["a"],
-            particles["b"],
-            experiment.camera(),
-            dt_s=DT_S,
-            voxel_mm=experiment.volume.voxel_mm,
-            window_voxels=WINDOWS[-1],
-        )
+    score = scored(result.velocity, experiment)
     found = result.summary["calibration"].get("drift")
     drift = ArrayDrift(tuple(found["shift_px"]), found["turn_deg"], found["scale"]) if found else ArrayDrift()
     return {

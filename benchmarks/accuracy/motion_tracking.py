@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 from conditions import CONDITIONS
+from true_particles import scored
 
 import plenopiv
-from plenopiv.accuracy import score_velocity
 from plenopiv.errors import PlenoPIVWarning
 from plenopiv.experiment import Experiment
 
@@ -36,20 +36,11 @@ HEAD = (
 
 def measured(name: str, folder: Path, passes: int) -> dict[str, object]:
     """One run of a recording, scored."""
-    condition, experiment = CONDITIONS[name], Experiment.load(folder / "experiment.toml")
+    experiment = Experiment.load(folder / "experiment.toml")
     begin = time.process_time()
     found = plenopiv.process(experiment.changed(motion_tracking=passes), overwrite=True)
     seconds = time.process_time() - begin
-    with np.load(folder / "truth_particles.npz") as particles:
-        score = score_velocity(
-            found.velocity,
-            particles["a"],
-            particles["b"],
-            condition.camera(),
-            dt_s=experiment.recording_table.dt_s,
-            voxel_mm=condition.voxel_mm(),
-            window_voxels=condition.windows[-1],
-        )
+    score = scored(found.velocity, experiment)
     return {
         "rms": score.final.rms,
         "bias": score.final.bias,

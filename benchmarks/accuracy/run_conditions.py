@@ -19,11 +19,10 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from conditions import CONDITIONS, Condition
+from true_particles import scored
 
 import plenopiv
-from plenopiv.accuracy import score_velocity
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 
@@ -63,19 +62,10 @@ def measure(name: str, folder: Path, settings: list[str]) -> dict[str, Any]:
         return line | {"error": str(error)}
     wall = time.perf_counter() - begin
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * BYTES_A_KIB
-    with np.load(folder / "truth_particles.npz") as particles:
-        try:
-            score = score_velocity(
-                result.velocity,
-                particles["a"],
-                particles["b"],
-                experiment.camera(),
-                dt_s=experiment.recording_table.dt_s,
-                voxel_mm=experiment.volume.voxel_mm,
-                window_voxels=experiment.correlation.windows[-1],
-            ).as_dict()
-        except PlenoPIVError as error:
-            return line | {"error": str(error)}
+    try:
+        score = scored(result.velocity, experiment).as_dict()
+    except PlenoPIVError as error:
+        return line | {"error": str(error)}
     return line | {
         "score": score,
         "wall_s": wall,

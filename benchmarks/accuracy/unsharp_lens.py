@@ -16,11 +16,10 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from small_recording import CAMERA, DT_S, NOISE, RAYS, rotation
+from true_particles import scored
 
 import plenopiv
-from plenopiv.accuracy import score_velocity
 from plenopiv.errors import PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.sensor import Sensor
@@ -59,16 +58,7 @@ def measure(folder, blur_mm, iterations):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlenoPIVWarning)
         result = plenopiv.process(experiment, overwrite=True)
-    with np.load(folder / "truth_particles.npz") as particles:
-        score = score_velocity(
-            result.velocity,
-            particles["a"],
-            particles["b"],
-            experiment.camera(),
-            dt_s=DT_S,
-            voxel_mm=experiment.volume.voxel_mm,
-            window_voxels=WINDOWS[-1],
-        )
+    score = scored(result.velocity, experiment)
     calibration = result.summary["calibration"]
     return {
         "found_um": 1e3 * calibration["blur_mm"] if blur_mm == "auto" else None,

@@ -29,7 +29,6 @@ from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
 from plenopiv.simulation.simulated_recording import Seeding, seed_pair
 from plenopiv.tracking.covariance import covariance_of
-from plenopiv.tracking.equations import UNIT_MM
 from plenopiv.tracking.frame import particles_of_frame
 from plenopiv.tracking.light import PointLights
 from plenopiv.tracking.peaks import peaks
@@ -45,8 +44,11 @@ BASE = {"ppm": 1.0, "depth_mm": 8.0, "electrons": 400.0, "columns": 420}
 CASES = {
     "base": {},
     "dim": {"electrons": 80.0},
+    "0.1 ppm": {"ppm": 0.1, "columns": 560},
     "0.25 ppm": {"ppm": 0.25},
+    "0.5 ppm": {"ppm": 0.5},
     "2 ppm": {"ppm": 2.0, "columns": 360},
+    "4 ppm": {"ppm": 4.0, "columns": 300},
     "20 mm deep": {"depth_mm": 20.0, "columns": 560},
 }
 
@@ -98,7 +100,7 @@ def _bound_mm(of_points: PointLights, truth: Particles, pixels: Pixels) -> np.nd
     light = SensorNoise().gain * truth.electrons
     wide = Prior(truth.position_mm, np.full(3, 1e3))
     fit = refine(of_points, pixels, truth.position_mm, light, wide, 0)
-    return np.sqrt(np.einsum("nii->ni", covariance_of(fit)))[:, :3] * UNIT_MM
+    return np.sqrt(np.einsum("nii->ni", covariance_of(fit)))[:, :3] * fit.lights.unit_mm
 
 
 def _scored(truth, found, partner, whole, bound, band) -> dict:

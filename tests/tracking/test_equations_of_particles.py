@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from particle_scenes import CAMERA, GAIN, LIMITS, noisy, pixels_of, seeded
 
-from plenopiv.tracking.equations import UNIT_MM, normal_equations, own_equations
+from plenopiv.tracking.equations import normal_equations, own_equations
 from plenopiv.tracking.evidence import misfit
-from plenopiv.tracking.light import PointLights
+from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.refine import Prior, fit_light, prior_std_mm, refine
+from plenopiv.tracking.refine import Prior, fit_light, refine
 
 PIXELS = CAMERA.sensor.columns * CAMERA.sensor.rows
 

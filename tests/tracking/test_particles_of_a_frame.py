@@ -10,10 +10,10 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking import equations
 from plenopiv.tracking.covariance import covariance_among, covariance_of
 from plenopiv.tracking.frame import particles_of_frame
-from plenopiv.tracking.light import PointLights
+from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
 from plenopiv.tracking.peaks import peaks
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.refine import Prior, prior_std_mm, refine
+from plenopiv.tracking.refine import Prior, refine
 from plenopiv.volume import DenseVolume, VoxelGrid
 
 LIGHT = GAIN * 400.0 * 150.0  # counts of a particle
@@ -127,7 +127,7 @@ def test_particles_in_parts_are_those_of_all_at_once(monkeypatch, of_points):
     assert (covariance_of(whole) == covariance).all()
     in_parts = refine(of_points, pixels, *start, 8)
     std = np.sqrt(np.einsum("nii->ni", covariance))
-    assert np.abs((in_parts.position_mm - whole.position_mm) / equations.UNIT_MM / std[:, :3]).max() < 0.1
+    assert np.abs((in_parts.position_mm - whole.position_mm) / UNIT_MM / std[:, :3]).max() < 0.1
     assert in_parts.light == pytest.approx(whole.light, rel=1e-3)
 
 

@@ -7,10 +7,10 @@ from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.cameras.space_map import ViewShift
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
-from plenopiv.tracking.light import PointLights
+from plenopiv.tracking.light import PointLights, prior_std_mm
 from plenopiv.tracking.pixels import Pixels
 from plenopiv.tracking.ray_shifts import DEGREE, VISIBLE, by_shifts, step, visible_terms
-from plenopiv.tracking.refine import Prior, prior_std_mm, refine
+from plenopiv.tracking.refine import Prior, refine
 
 CAMERA = PlenopticCamera(
     MainLens(50.0, 25.0, -1.0),

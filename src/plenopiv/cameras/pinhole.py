@@ -93,6 +93,21 @@ class PinholeCamera:
         column0, row0 = self.principal_point
         return np.stack([column0 + stretch * a, row0 - stretch * b], -1)
 
+    def pixels_by_mm(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """Change (..., 2, 3) of the pixel, column and row, per mm of x, y, z at object points (..., 3)."""
+        x, y, z = np.moveaxis(self.in_camera(points_mm), -1, 0)
+        depth = np.where(z < 0, -z, np.nan)[..., None]
+        right, up, back = self.axes
+        a, b = x[..., None] / depth, y[..., None] / depth
+        of_a, of_b = (right + a * back) / depth, (up + b * back) / depth
+        k1, k2 = self.distortion
+        squared = a * a + b * b
+        stretch = 1.0 + squared * (k1 + squared * k2)
+        of_stretch = 2.0 * (k1 + 2.0 * k2 * squared) * (a * of_a + b * of_b)
+        column = self.focal_length_px * (stretch * of_a + a * of_stretch)
+        row = -self.focal_length_px * (stretch * of_b + b * of_stretch)
+        return np.stack([column, row], -2)
+
     def rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
         """Unit vectors (..., 3) in the object frame from the pinhole along which pixels (..., 2), (column, row), look.
 

@@ -19,10 +19,10 @@ from plenopiv.run import target as of_target
 from plenopiv.run.calibrated import calibrated_chain
 from plenopiv.run.track_frame import FrameTracker
 from plenopiv.tracking import ray_shifts
-from plenopiv.tracking.light import WAVELENGTH_NM, PointLights, diffraction_px
+from plenopiv.tracking.light import WAVELENGTH_NM, PointLights, diffraction_px, prior_std_mm
 from plenopiv.tracking.peaks import peaks
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.refine import Prior, fit_light, prior_std_mm, refine
+from plenopiv.tracking.refine import Prior, fit_light, refine
 
 STEPS = 5
 FIRST, THEN = 5, 3  # Gauss-Newton iterations of the particles alone before a step, the first one and those after it
@@ -132,7 +132,7 @@ def _seen(chain: Chain, recording: Recording, number: int, wavelength_nm: float)
 def _misfit(of_points: PointLights, seen: Seen) -> float:
     """chi^2 per lit pixel of particles fitted to a frame."""
     light = fit_light(of_points(seen.position_mm), seen.pixels, seen.light)
-    prior = Prior(seen.position_mm, prior_std_mm(of_points.camera))
+    prior = Prior(seen.position_mm, of_points.prior_std_mm)
     fit = refine(of_points, seen.pixels, seen.position_mm, light, prior, FIRST)
     lit = np.zeros(fit.residual.size, bool)
     lit[fit.lights.pixel] = True

@@ -1,9 +1,9 @@
 """The normal equations of particles that share pixels.
 
-Unknowns are x, y, z in UNIT_MM and light in units of each particle's own. With J (pixels, 4n) the derivatives of
-pixels' counts by the unknowns, each over its pixel's standard deviation, the equations are J^T J: a 4 x 4 block for
-each two particles that share pixels. These are hundreds to a particle where volumes are deep, so blocks are made of a
-part of the particles at a time, which lie together, and of all that share pixels with them.
+Unknowns are x, y, z in ``Lights.unit_mm`` and light in units of each particle's own. With J (pixels, 4n) the
+derivatives of pixels' counts by the unknowns, each over its pixel's standard deviation, the equations are J^T J: a
+4 x 4 block for each two particles that share pixels. These are hundreds to a particle where volumes are deep, so blocks
+are made of a part of the particles at a time, which lie together, and of all that share pixels with them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from plenopiv.tracking.light import Lights
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Numbers = NDArray[np.int64]
-UNIT_MM = np.array([0.01, 0.01, 0.05])  # of the unknowns, so that all of a particle's information is of one order
 TOGETHER = 12_000  # particles whose equations are solved at a time: 2 GB at the most
 
 
@@ -69,7 +68,9 @@ def own_equations(lights: Lights, light: Array, weight: Single, pull: Single) ->
     """Each particle's own block (n, 4, 4) of the normal equations, pixels that two of its microlenses light taken as
     two, and the right side (n, 4)."""
     own, slope = np.empty((len(light), 4, 4)), np.empty((len(light), 4))
-    in_threads(normal_kernels.own_equations, len(light), *entries(lights), light, UNIT_MM, weight, pull, own, slope)
+    in_threads(
+        normal_kernels.own_equations, len(light), *entries(lights), light, lights.unit_mm, weight, pull, own, slope
+    )
     return own, slope
 
 
@@ -79,7 +80,7 @@ def normal_equations(lights: Lights, light: Array, weight: Single) -> bsr_array:
     pixel_end = np.zeros(len(weight), np.int64)
     rank, particle, whitened = np.empty(m, np.int32), np.empty(m, np.int32), np.empty((m, 4), np.float32)
     normal_kernels.by_pixels(lights.start, lights.pixel, pixel_end, rank, particle)
-    in_threads(normal_kernels.whiten, n, *entries(lights), light, UNIT_MM, weight, rank, whitened)
+    in_threads(normal_kernels.whiten, n, *entries(lights), light, lights.unit_mm, weight, rank, whitened)
     count, shared = np.empty(n, np.int64), (lights.start, lights.pixel, pixel_end, rank, particle)
     in_threads(normal_kernels.count_later, n, *shared, count)
     later_start = np.concatenate([[0], np.cumsum(count)])
@@ -103,7 +104,7 @@ def diagonal(normal: bsr_array) -> NDArray[np.int64]:
 
 
 def with_information(normal: bsr_array, information: Array) -> Array:
-    """Add ``information`` (n, 3) on x, y, z, in UNIT_MM^-2, to each particle's, in place; their own blocks
+    """Add ``information`` (n, 3) on x, y, z, in the unknowns' units, to each particle's, in place; their own blocks
     (n, 4, 4)."""
     own = diagonal(normal)
     for axis in range(3):

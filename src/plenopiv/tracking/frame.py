@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking.covariance import NEIGHBOURS as MOST_NEIGHBOURS
 from plenopiv.tracking.covariance import covariance_of
-from plenopiv.tracking.equations import UNIT_MM
 from plenopiv.tracking.evidence import misfit, without_evidence
-from plenopiv.tracking.light import Lights, PointLights
+from plenopiv.tracking.light import LightOfPoints, Lights
 from plenopiv.tracking.pixels import SAMPLE, Pixels
-from plenopiv.tracking.refine import Fit, Prior, fit_light, prior_std_mm, refine
-from plenopiv.tracking.search import places_of_light
+from plenopiv.tracking.refine import Fit, Prior, fit_light, refine
 from plenopiv.volume import Limits
 
 PASSES = 8  # of fitting and searching, at most
@@ -63,7 +61,7 @@ class FrameParticles:
 
 
 def particles_of_frame(
-    of_points: PointLights,
+    of_points: LightOfPoints,
     pixels: Pixels,
     position_mm: Array,
     light: Array,
@@ -78,7 +76,7 @@ def particles_of_frame(
     """
     if len(light) == 0:
         raise PlenoPIVError(NONE)
-    prior = Prior(position_mm, prior_std_mm(of_points.camera))
+    prior = Prior(position_mm, of_points.prior_std_mm)
     lights = [of_points(position_mm)]  # handed on by pop(), so that what is moved is let go
     light = fit_light(lights[0], pixels, light)
     position = position_mm
@@ -88,7 +86,7 @@ def particles_of_frame(
         out = without_evidence(fit, covariance_of(fit, NEIGHBOURS), misfit(fit, pixels.usable))
         position, light, first = fit.position_mm[~out], fit.light[~out], prior.position_mm[~out]
         excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
-        new, _ = places_of_light(of_points, excess, limits_mm)
+        new, _ = of_points.places(excess, limits_mm)
         if progress is not None:
             progress(done + 1, PASSES + 1)
         if len(light) == 0:
@@ -118,8 +116,9 @@ def judged(fit: Fit, pixels: Pixels, neighbours: int = MOST_NEIGHBOURS) -> tuple
     covariance, off = covariance_of(fit, neighbours), misfit(fit, pixels.usable)
     kept = ~without_evidence(fit, covariance, off)
     scale = np.maximum(off[kept], 1.0)
-    information, pull = _of_pixels_alone(fit.position_mm[kept], covariance[kept], fit.prior.of(kept))
-    unit = np.concatenate([np.broadcast_to(UNIT_MM, (len(fit.light), 3)), fit.light[:, None]], 1)[kept]
+    unit_mm = fit.lights.unit_mm
+    information, pull = _of_pixels_alone(fit.position_mm[kept], covariance[kept], fit.prior.of(kept), unit_mm)
+    unit = np.concatenate([np.broadcast_to(unit_mm, (len(fit.light), 3)), fit.light[:, None]], 1)[kept]
     lit = np.zeros(len(pixels.counts), bool)
     lit[fit.lights.pixel] = True
     lit &= pixels.usable
@@ -135,13 +134,13 @@ def judged(fit: Fit, pixels: Pixels, neighbours: int = MOST_NEIGHBOURS) -> tuple
     return found, kept
 
 
-def _of_pixels_alone(position_mm: Array, covariance: Array, prior: Prior) -> tuple[Array, Array]:
+def _of_pixels_alone(position_mm: Array, covariance: Array, prior: Prior, unit_mm: Array) -> tuple[Array, Array]:
     """Information (n, 3, 3) mm^-2 and slope (n, 3) mm^-1 of what pixels say, light and neighbours free: the prior is
     taken off the fit's ``covariance`` (n, 4, 4), in the fit's units. Where a fit rests the slopes of both cancel."""
-    whole = np.linalg.inv(covariance[:, :3, :3])
+    whole, of_prior = np.linalg.inv(covariance[:, :3, :3]), prior.information(unit_mm)
     for axis in range(3):
-        whole[:, axis, axis] -= prior.information[:, axis]
+        whole[:, axis, axis] -= of_prior[:, axis]
     values, vectors = np.linalg.eigh(whole)
     information = (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
-    pull = prior.information / UNIT_MM**2 * (position_mm - prior.position_mm)
-    return information / UNIT_MM[:, None] / UNIT_MM, pull
+    pull = of_prior / unit_mm**2 * (position_mm - prior.position_mm)
+    return information / unit_mm[:, None] / unit_mm, pull

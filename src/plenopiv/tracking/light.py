@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import ceil, cos, floor, pi, sin, sqrt
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,10 +19,13 @@ from plenopiv.tracking import entry_kernels
 from plenopiv.tracking import light_kernels as kernels
 from plenopiv.tracking.bent_cells import SHIFT_POWERS
 from plenopiv.tracking.light_kernels import LightConstants
+from plenopiv.tracking.search import POOR, places_of_light
+from plenopiv.volume import Limits
 
 WAVELENGTH_NM = 532.0  # of the lasers that particles are lit by
 SHIFT_PLACES = 31  # of the main lens, at which a point's shifts of rays are taken
 TOGETHER = 1000  # points whose shifts are taken at a time
+UNIT_MM = np.array([0.01, 0.01, 0.05])  # of the unknowns, so that all of a particle's information is of one order
 SHARPEST_PX = 0.05  # standard deviation of a boundary that nothing blurs: sharper ones would need more nodes
 
 Array = NDArray[np.float64]
@@ -33,13 +37,14 @@ class Lights:
 
     ``start`` (n + 1,); ``pixel`` (m,), row * columns + column of an upright image; ``share`` (m,) of the point's light;
     ``gradient`` (m, 3): change of the share per mm of x, y, z. A pixel that two microlenses of a point light is listed
-    twice.
+    twice. ``unit_mm`` (3,): of x, y, z in the equations that these make, about what moves a point's light by a pixel.
     """
 
     start: NDArray[np.int64]
     pixel: NDArray[np.int32]
     share: NDArray[np.float32]
     gradient: NDArray[np.float32]
+    unit_mm: Array = field(default_factory=UNIT_MM.copy)
 
     @property
     def point(self) -> NDArray[np.int64]:
@@ -71,7 +76,7 @@ class Lights:
         """The same with the points ``which`` (k,) moved by small steps (k, 3) in mm, to first order."""
         share = self.share.copy()
         entry_kernels.shift_shares(self.start, self.gradient, which, np.asarray(by_mm, np.float64), share)
-        return Lights(self.start, self.pixel, share, self.gradient)
+        return Lights(self.start, self.pixel, share, self.gradient, self.unit_mm)
 
     def whole(self) -> Array:
         """The share of each point's light that falls on the sensor (n,)."""
@@ -85,7 +90,11 @@ def _taken(first: Lights, second: Lights, source: NDArray[np.int64], count: NDAr
         count = np.concatenate([np.diff(first.start), np.diff(second.start)])[source]
     start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     out = Lights(
-        start, np.empty(start[-1], np.int32), np.empty(start[-1], np.float32), np.empty((start[-1], 3), np.float32)
+        start,
+        np.empty(start[-1], np.int32),
+        np.empty(start[-1], np.float32),
+        np.empty((start[-1], 3), np.float32),
+        first.unit_mm,
     )
     parts = (*_arrays(first), *_arrays(second), source.astype(np.int64), *_arrays(out))
     in_threads(entry_kernels.take_entries, len(source), *parts)
@@ -94,6 +103,32 @@ def _taken(first: Lights, second: Lights, source: NDArray[np.int64], count: NDAr
 
 def _arrays(lights: Lights) -> tuple[NDArray, ...]:
     return lights.start, lights.pixel, lights.share, lights.gradient
+
+
+class LightOfPoints(Protocol):
+    """Where the light of points goes in all pixels of a frame, of one camera or of several one after the other."""
+
+    @property
+    def prior_std_mm(self) -> Array:
+        """Standard deviations (3,) of where a particle may be that pixels tell next to nothing of."""
+
+    def __call__(self, position_mm: ArrayLike) -> Lights:
+        """The light of points at ``position_mm`` (n, 3)."""
+
+    def places(self, excess: Array, limits_mm: Limits, poor: float = POOR) -> tuple[Array, Array]:
+        """Places (n, 3) in mm within ``limits_mm`` that may hold a particle more, and their scores (n,), best first.
+
+        ``excess`` (pixels,): standard deviations by which each pixel is brighter than the known particles make it; NaN
+        where it cannot be used. ``poor``: share of what is needed that a first look must show.
+        """
+
+
+def prior_std_mm(camera: PlenopticCamera) -> Array:
+    """Standard deviations (3,) of a particle somewhere in a dead zone: even within a microlens' cell, as the focal
+    plane sees it, and within the zone's depth."""
+    across = camera.lattice.pitch_mm / abs(camera.main_lens.magnification) / 12.0**0.5
+    low, high = camera.dead_zone_mm()
+    return np.array([across, across, 0.5 * (high - low) / 3.0**0.5])
 
 
 def diffraction_px(camera: PlenopticCamera, wavelength_nm: float = WAVELENGTH_NM) -> float:
@@ -130,6 +165,15 @@ class PointLights:
             most = np.abs(left(np.repeat(self._u_mm, 2, 0), np.tile([[left.s_mm] * 2, [0.0, 0.0]], (SHIFT_PLACES, 1))))
             beside = float(most.max()) / camera.lattice.pitch_mm
             self.constants = self.constants._replace(moved=self.constants.moved + beside)
+
+    @property
+    def prior_std_mm(self) -> Array:
+        """See ``prior_std_mm``."""
+        return prior_std_mm(self.camera)
+
+    def places(self, excess: Array, limits_mm: Limits, poor: float = POOR) -> tuple[Array, Array]:
+        """See ``LightOfPoints`` and ``search``."""
+        return places_of_light(self.camera, self.constants, excess, limits_mm, poor)
 
     def __call__(self, position_mm: ArrayLike) -> Lights:
         """The light of points at ``position_mm`` (n, 3), x, y, z in mm.

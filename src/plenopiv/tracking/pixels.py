@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,15 +25,17 @@ class Pixels:
 
     ``counts`` above the black level, static light taken off; ``usable``: not masked, hot or saturated; ``noise``: the
     variance of a dark pixel in counts^2; ``counts_per_electron``: of shot noise. ``background``: even stray light in
-    counts; ``static``: counts of static light that were taken off, whose shot noise is left.
+    counts; ``static``: counts of static light that were taken off, whose shot noise is left. ``cameras``: how many
+    pixels each of several cameras has, one after the other (``of_cameras``); their noise and stray light are arrays.
     """
 
     counts: Array
     usable: NDArray[np.bool_]
-    noise: float
-    counts_per_electron: float
-    background: float = 0.0
+    noise: Array | float
+    counts_per_electron: Array | float
+    background: Array | float = 0.0
     static: Array | float = 0.0
+    cameras: tuple[int, ...] = ()
 
     @classmethod
     def of_image(
@@ -56,6 +59,36 @@ class Pixels:
         counts = np.asarray(image, np.float64).ravel() - black_level
         return cls(counts, usable, float(dark) ** 2, counts_per_electron, 0.0, behind)
 
+    @classmethod
+    def of_cameras(cls, each: Sequence[Pixels]) -> Pixels:
+        """The pixels of one frame of several cameras, one camera after the other."""
+        sizes = tuple(len(one.counts) for one in each)
+
+        def joined(values: Iterable[Array | float]) -> Array:
+            return np.concatenate([np.broadcast_to(v, n) for v, n in zip(values, sizes, strict=True)])
+
+        return cls(
+            joined(one.counts for one in each),
+            np.concatenate([one.usable for one in each]),
+            joined(one.noise for one in each),
+            joined(one.counts_per_electron for one in each),
+            joined(one.background for one in each),
+            joined(one.static for one in each),
+            sizes,
+        )
+
+    def of_each(self) -> list[Pixels]:
+        """The pixels of each of several cameras, whose noise is even."""
+        ends = np.cumsum(self.cameras)
+        out = []
+        for lo, hi in zip(ends - self.cameras, ends, strict=True):
+            noise, gain, behind = (
+                float(np.broadcast_to(v, ends[-1])[lo]) for v in (self.noise, self.counts_per_electron, self.background)
+            )
+            static = np.broadcast_to(self.static, ends[-1])[lo:hi]
+            out.append(Pixels(self.counts[lo:hi], self.usable[lo:hi], noise, gain, behind, static))
+        return out
+
     def variance(self, light: Array) -> Array:
         """Variance in counts^2 of pixels that expect ``light`` counts of particles."""
         return self.counts_per_electron * (np.maximum(light + self.background, 0.0) + self.static) + self.noise
@@ -66,6 +99,10 @@ class Pixels:
         tells the shot noise: it is taken where it is less than what was known, as a white image whose microlenses
         differ only bounds it. Median deviations are compared, so that particles not yet found count little. The same
         where there are too few pixels. ``sample``: pixels, evenly spaced, that are looked at."""
+        if self.cameras:
+            begin = np.cumsum(self.cameras)[:-1]
+            parts = zip(self.of_each(), np.split(unlit, begin), np.split(expected, begin), strict=True)
+            return Pixels.of_cameras([one.with_measured_noise(dark, light, sample) for one, dark, light in parts])
         some = slice(None, None, max(len(expected) // sample, 1))
         counts, usable, expected = self.counts[some], self.usable[some], expected[some]
         behind = np.broadcast_to(self.static, self.counts.shape)[some]
@@ -79,7 +116,8 @@ class Pixels:
         square = (counts - background - expected) ** 2
         spread = _spread(values - background) ** 2
         mean = float(np.mean(total[dark]))
-        noise, gain = self.noise, self.counts_per_electron
+        noise, known = float(self.noise), float(self.counts_per_electron)
+        gain = known
         for _ in range(STEPS):
             noise = max(spread - gain * mean, 1.0 / 12.0)
             lit = usable & (expected > BRIGHT * noise**0.5)
@@ -88,7 +126,7 @@ class Pixels:
             lit &= expected > np.median(expected[lit])
             ratio = float(np.median(square[lit] / (gain * total[lit] + noise))) / MEDIAN
             level = float(np.median(total[lit]))
-            gain = min(max((ratio * (gain * level + noise) - noise) / level, 0.0), self.counts_per_electron)
+            gain = min(max((ratio * (gain * level + noise) - noise) / level, 0.0), known)
         return replace(self, background=background, noise=noise, counts_per_electron=gain)
 
 

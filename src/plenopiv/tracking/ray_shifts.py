@@ -30,7 +30,7 @@ from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.ray_model import on_disc
 from plenopiv.cameras.space_map import ViewShift
 from plenopiv.tracking import refine as joint
-from plenopiv.tracking.equations import UNIT_MM, own_blocks, own_equations
+from plenopiv.tracking.equations import own_blocks, own_equations
 from plenopiv.tracking.light import PointLights
 from plenopiv.tracking.pixels import Pixels
 
@@ -144,7 +144,8 @@ def step(
     weighted = slopes * weight[lit][:, None]
     of_shift, pull = slopes.T @ weighted, weighted.T @ fit.residual[lit]
     _, slope = own_equations(lights, light, single, residual)
-    slope[:, :3] += prior.information * (prior.position_mm - fit.position_mm) / UNIT_MM
+    unit = lights.unit_mm
+    slope[:, :3] += prior.information(unit) * (prior.position_mm - fit.position_mm) / unit
     coupling = _coupling(fit, weighted, lit, weight.size)
     normal = fit.normal()
     solve = _solver(normal, own_blocks(normal))
@@ -154,7 +155,7 @@ def step(
     reduced = 0.5 * (reduced + reduced.T) + np.eye(len(reduced)) / EXPECTED_UM**2
     found = np.linalg.solve(reduced, pull - coupling.T @ alone - before_um / EXPECTED_UM**2)
     moved = (alone - per_shift @ found).reshape(-1, 4)
-    position = fit.position_mm + UNIT_MM * np.clip(moved[:, :3], -joint.LARGEST_STEP, joint.LARGEST_STEP)
+    position = fit.position_mm + unit * np.clip(moved[:, :3], -joint.LARGEST_STEP, joint.LARGEST_STEP)
     least = joint.LEAST_LIGHT * float(np.median(light))
     brighter = np.maximum(light * (1.0 + np.clip(moved[:, 3], -0.7, 2.0)), least)
     std = float(np.sqrt(np.trace(np.linalg.inv(reduced))))
@@ -185,7 +186,7 @@ def _coupling(fit: joint.Fit, weighted: Array, lit: NDArray[np.int64], pixels: i
     used, point = column >= 0, lights.point
     out = np.empty((4 * n, weighted.shape[1]))
     for k in range(4):
-        change = lights.share if k == 3 else lights.gradient[:, k] * UNIT_MM[k]
+        change = lights.share if k == 3 else lights.gradient[:, k] * lights.unit_mm[k]
         value = (change * fit.light[point])[used]
         out[k::4] = csr_array((value, (point[used], column[used])), shape=(n, lit.size)) @ weighted
     return out

@@ -26,11 +26,10 @@ from numpy.typing import NDArray
 from scipy.sparse import bsr_array, csr_array
 from scipy.sparse.linalg import LinearOperator, cg
 
-from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.threads import in_threads
 from plenopiv.tracking import normal_kernels
-from plenopiv.tracking.equations import UNIT_MM, normal_equations, own_equations, parts, with_information
-from plenopiv.tracking.light import Lights, PointLights
+from plenopiv.tracking.equations import normal_equations, own_equations, parts, with_information
+from plenopiv.tracking.light import LightOfPoints, Lights
 from plenopiv.tracking.pixels import Pixels
 
 Array = NDArray[np.float64]
@@ -51,10 +50,9 @@ class Prior:
     position_mm: Array
     std_mm: Array
 
-    @property
-    def information(self) -> Array:
-        """(n, 3), in UNIT_MM^-2."""
-        return np.broadcast_to((UNIT_MM / self.std_mm) ** 2, self.position_mm.shape)
+    def information(self, unit_mm: Array) -> Array:
+        """On x, y, z (n, 3), in units (3,) of ``unit_mm``."""
+        return np.broadcast_to((unit_mm / self.std_mm) ** 2, self.position_mm.shape)
 
     def of(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> Prior:
         """That of the particles ``which`` alone."""
@@ -84,23 +82,15 @@ class Fit:
 
     def normal(self, which: NDArray[np.int64] | None = None) -> bsr_array:
         """The normal equations (4m, 4m) of the particles ``which`` (m,), ascending, or of all, the prior's information
-        included, in units of UNIT_MM and of each one's light."""
+        included, in units of ``Lights.unit_mm`` and of each one's light."""
         which = np.arange(len(self.light)) if which is None else which
         normal = normal_equations(_of(self.lights, which), self.light[which], self.weight)
-        with_information(normal, self.prior.of(which).information)
+        with_information(normal, self.prior.of(which).information(self.lights.unit_mm))
         return normal
 
 
-def prior_std_mm(camera: PlenopticCamera) -> Array:
-    """Standard deviations (3,) of a particle somewhere in a dead zone: even within a microlens' cell, as the focal
-    plane sees it, and within the zone's depth."""
-    across = camera.lattice.pitch_mm / abs(camera.main_lens.magnification) / 12.0**0.5
-    low, high = camera.dead_zone_mm()
-    return np.array([across, across, 0.5 * (high - low) / 3.0**0.5])
-
-
 def refine(
-    of_points: PointLights,
+    of_points: LightOfPoints,
     pixels: Pixels,
     position_mm: Array,
     light: Array,
@@ -112,7 +102,7 @@ def refine(
 ) -> Fit:
     """Fit particles by ``iterations`` of Gauss-Newton, at most, from positions (n, 3) mm and light (n,) counts.
     ``lights``: of the positions, where it is known; ``still``: the root of chi^2 that a particle must gain to move;
-    ``near``: units of UNIT_MM within which light follows its derivatives, without being computed anew."""
+    ``near``: units of ``Lights.unit_mm`` within which light follows its derivatives, without being computed anew."""
     first = [of_points(position_mm) if lights is None else lights]
     del lights  # handed on by pop(), so that what is moved is let go
     position, light, lights = stepped(
@@ -124,7 +114,7 @@ def refine(
 
 
 def stepped(
-    of_points: PointLights,
+    of_points: LightOfPoints,
     pixels: Pixels,
     position_mm: Array,
     light: Array,
@@ -137,35 +127,36 @@ def stepped(
     tolerance: float = TOLERANCE,
 ) -> tuple[Array, Array, Lights]:
     """Positions, light and where it goes after ``iterations``, as ``refine``; ``tolerance``: of conjugate gradients."""
-    position, light = position_mm.copy(), light.copy()
+    position, light, unit = position_mm.copy(), light.copy(), lights.unit_mm
+    of_priors = prior.information(unit)
     since = np.zeros_like(position)  # steps, in units, since a particle's light was computed
     for _ in range(iterations):
         residual, variance = residual_of(lights, pixels, light)
         weight, pull = pixel_weights(pixels.usable, residual, variance)
         own, slope = own_equations(lights, light, weight, pull)
-        slope[:, :3] += prior.information * (prior.position_mm - position) / UNIT_MM
+        slope[:, :3] += of_priors * (prior.position_mm - position) / unit
         known = own + LEAST_KNOWN * np.eye(4)
         for axis in range(3):
-            known[:, axis, axis] += prior.information[:, axis]
+            known[:, axis, axis] += of_priors[:, axis]
         gain = np.einsum("ni,ni->n", slope, np.linalg.solve(known, slope[:, :, None])[:, :, 0])
         which = np.flatnonzero(gain > still**2)
         if len(which) == 0:
             break
-        some, step, of_prior = _of(lights, which), np.empty((len(which), 4)), prior.of(which).information
+        some, step, of_prior = _of(lights, which), np.empty((len(which), 4)), of_priors[which]
         for part, around in parts(some, position[which, :2], len(weight)):
             normal = normal_equations(_of(some, around), light[which[around]], weight)
             own = with_information(normal, of_prior[around])
             step[part] = _solved(normal, own, slope[which[around]], tolerance)[np.searchsorted(around, part)]
             del normal
         moved = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
-        position[which] += UNIT_MM * moved
+        position[which] += unit * moved
         least = LEAST_LIGHT * float(np.median(light))
         light[which] = np.maximum(light[which] * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
         since[which] += moved
         far = np.abs(since[which]).max(1) > near
         del some
         if not far.all():
-            lights = lights.shifted(which[~far], UNIT_MM * moved[~far])
+            lights = lights.shifted(which[~far], unit * moved[~far])
         if far.any():
             anew, rests = which[far], np.delete(np.arange(len(light)), which[far])
             since[anew] = 0.0

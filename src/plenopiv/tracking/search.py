@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
+from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.kernels import inlined, kernel
 from plenopiv.lattice import nearest_lens
 from plenopiv.threads import in_threads
-from plenopiv.tracking.light import PointLights
 from plenopiv.tracking.light_kernels import LightConstants
 from plenopiv.volume import Limits
 
@@ -83,14 +83,13 @@ def _scores(
 
 
 def places_of_light(
-    of_points: PointLights, excess: Array, limits_mm: Limits, poor: float = POOR
+    camera: PlenopticCamera, constants: LightConstants, excess: Array, limits_mm: Limits, poor: float = POOR
 ) -> tuple[Array, Array]:
     """Places (n, 3) in mm within ``limits_mm`` that may hold a particle more, and their scores (n,), best first.
 
     ``excess`` (rows * columns,): standard deviations by which each pixel is brighter than the known particles make it;
     NaN where it cannot be used. ``poor``: share of the mean that is needed which the first rays must show.
     """
-    camera = of_points.camera
     pitch = camera.lattice.pitch_mm / abs(camera.main_lens.magnification)
     step = STEP_PITCHES * pitch
     radius = 0.5 * camera.main_lens.aperture_mm
@@ -101,7 +100,7 @@ def places_of_light(
     ray = np.stack([r * np.cos(turn), r * np.sin(turn)], -1)[np.argsort(np.arange(n) % FIRST, kind="stable")]
     score = np.empty((z.size, y.size, x.size), np.float32)
     clipped = np.clip(excess, -MOST, MOST).astype(np.float32)
-    in_threads(_scores, z.size * y.size, of_points.constants, clipped, x, y, z, ray, poor * LEAST / sqrt(n), score)
+    in_threads(_scores, z.size * y.size, constants, clipped, x, y, z, ray, poor * LEAST / sqrt(n), score)
     top = (score == maximum_filter(score, 3, mode="constant")) & (score > LEAST)
     k, j, i = np.nonzero(top)
     order = np.argsort(-score[k, j, i], kind="stable")

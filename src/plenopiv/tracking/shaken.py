@@ -13,17 +13,16 @@ from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking.frame import FIRST_LIGHT, NONE, ROUGHLY, FrameParticles, Progress, judged, with_noise
-from plenopiv.tracking.light import Lights, PointLights
+from plenopiv.tracking.light import LightOfPoints, Lights
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.refine import Prior, own_equations, pixel_weights, prior_std_mm, refine, residual_of, stepped
-from plenopiv.tracking.search import places_of_light
+from plenopiv.tracking.refine import Prior, own_equations, pixel_weights, refine, residual_of, stepped
 from plenopiv.volume import Limits
 
 PRESENT = 0.4  # of its predicted light that a particle's pixels must hold
 PASSES = 3  # of steps and searches, at most
 MANY = 0.2  # share of particles found in a pass from which on another follows
 STEPS = 2  # Gauss-Newton iterations of the last fit
-NEAR = 0.04  # units of UNIT_MM, a few hundredths of a voxel, within which light follows its derivatives
+NEAR = 0.04  # units of ``Lights.unit_mm``, a few hundredths of a voxel, within which light follows its derivatives
 TOLERANCE = 1e-2  # of conjugate gradients in the first step
 POOR = 0.45  # share of the mean needed that the first rays of a place must show: new particles are not faint
 NOISE_OF = 40_000  # pixels that noise is measured on
@@ -33,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 def particles_of_prediction(
-    of_points: PointLights,
+    of_points: LightOfPoints,
     pixels: Pixels,
     position_mm: Array,
     std_mm: Array,
@@ -50,7 +49,7 @@ def particles_of_prediction(
     """
     if len(light) == 0:
         raise PlenoPIVError(NONE)
-    wide = prior_std_mm(of_points.camera)
+    wide = of_points.prior_std_mm
     lights = of_points(position_mm)
     pixels, light, present = _present(lights, pixels, light)
     if not present.any():
@@ -65,7 +64,7 @@ def particles_of_prediction(
         pixels = with_noise(pixels, lights, light, NOISE_OF)
         residual, variance = residual_of(lights, pixels, light)
         excess = np.where(pixels.usable, residual / np.sqrt(variance), np.nan)
-        new, _ = places_of_light(of_points, excess, limits_mm, POOR)
+        new, _ = of_points.places(excess, limits_mm, POOR)
         if progress is not None:
             progress(done + 1, PASSES + 1)
         lights, position, prior = (
