@@ -36,7 +36,7 @@ DECISIONS = {
     "calibration": 53,
     "checks": 53,
     "reconstruction": 62,
-    "correlation": 61,
+    "correlation": 65,
     "tracking": 58,
     "statistics": 56,
     "device": 60,

@@ -109,7 +109,8 @@ def test_noise_left_in_means_is_that_of_white_noise_averaged_twice(depth):
     and where one or two lie above one another, too."""
     shape = (depth, 64, 80)
     inner, whole = window_grid(shape, (16,) * 3, 0.5), window_grid(shape, (32, 32, min(depth, 32)), 0.5)
-    settings = CorrelationSettings(windows=((32,) * 3,), inner_window=(16,) * 3, inner_overlap=0.5, fine_passes=1)
+    settings = CorrelationSettings(windows=((16,) * 3,), inner_window=(16,) * 3, overlap=0.5, fine_passes=1)
+    assert len(settings.passes) == 1
     means = mean_weights(whole, inner, True)
     weight = fade(16, settings.taper_voxels) ** 2
     expected = []

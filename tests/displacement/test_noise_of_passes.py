@@ -15,29 +15,42 @@ SIZE, SHAPE = 12, (120, 126, 132)
 
 def under_windows(values, windows, taper):
     """Means (3, nz, ny, nx) of ``values`` (3, z, y, x) under the squares of tapered windows."""
-    weight = fade(SIZE, taper) ** 2
-    for axis, (total, starts) in enumerate(zip(SHAPE, windows.starts, strict=True), 1):
-        seen = np.zeros((len(starts), total))
+    for axis, (size, total, starts) in enumerate(zip(windows.size, SHAPE, windows.starts, strict=True), 1):
+        weight, seen = fade(size, taper) ** 2, np.zeros((len(starts), total))
         for n, start in enumerate(starts):
-            seen[n, start : start + SIZE] = weight / weight.sum()
+            seen[n, start : start + size] = weight / weight.sum()
         values = np.moveaxis(np.tensordot(seen, values, (1, axis)), 0, axis)
     return values
 
 
-def through(settings, seed):
-    """White noise under the windows of the last pass, and what all passes make of it: (3, nz, ny, nx) each, away from
-    the faces."""
+def through(settings, seed, parts=(), margin=3):
+    """White noise under the windows of the last pass, and what all passes make of it: (3, nz, ny, nx) each, but for
+    ``margin`` vectors at the faces. ``parts``: of a displacement that the passes find, one each; 1 for all of it."""
     noise, predictor = np.random.default_rng(seed).normal(size=(3, *SHAPE)), None
     everywhere = [np.arange(n) for n in SHAPE]
-    for one in settings.passes[-settings.fine_passes :]:
+    for one, part in zip(settings.passes, parts or (1,) * len(settings.passes), strict=True):
         windows = window_grid(SHAPE, *one)
         left, moved = noise, 0.0
         if predictor is not None:
             left, moved = noise - predictor.at(*everywhere), predictor.at(*windows.centres)
-        vectors = moved + under_windows(left, windows, settings.taper_voxels)
+        vectors = moved + part * under_windows(left, windows, settings.taper_voxels)
         predictor = fit_spline(smooth_predictor(vectors, one.overlap), windows.centres, SHAPE)
-    inside = (slice(None), *(slice(3, -3),) * 3)
-    return under_windows(noise, windows, settings.taper_voxels)[inside], vectors[inside]
+    inside = (slice(None), *(slice(margin, -margin),) * 3)
+    return part * under_windows(noise, windows, settings.taper_voxels)[inside], vectors[inside]
+
+
+def neighbours_of(vectors):
+    """Mean over the axes of the correlation of neighbours."""
+    apart = []
+    for axis in range(3):
+        ahead = np.moveaxis(vectors, axis + 1, 1)
+        apart.append(np.mean(ahead[:, 1:] * ahead[:, :-1]) / np.mean(vectors**2))
+    return np.mean(apart)
+
+
+def computed_neighbours(amplification):
+    middle = np.array(amplification.covariance.shape) // 2
+    return np.mean([amplification.covariance[tuple(middle + (np.arange(3) == axis))] for axis in range(3)])
 
 
 @pytest.mark.parametrize("overlap", [0.5, 0.6, 0.7, 0.75])
@@ -49,12 +62,22 @@ def test_white_noise_grows_as_computed(overlap, passes):
     once, found = (np.concatenate(v) for v in zip(*(through(settings, seed) for seed in range(5)), strict=True))
     computed = noise_amplification(window_grid(SHAPE, *settings.passes[-1]), settings)
     assert computed.gain == pytest.approx(np.mean(found**2) / np.mean(once**2), rel=0.04)
-    middle, apart = np.array(computed.covariance.shape) // 2, []
-    for axis in range(3):
-        ahead = np.moveaxis(found, axis + 1, 1)
-        apart.append(np.mean(ahead[:, 1:] * ahead[:, :-1]) / np.mean(found**2))
-    neighbours = [computed.covariance[tuple(middle + (np.arange(3) == axis))] for axis in range(3)]
-    assert np.mean(neighbours) == pytest.approx(np.mean(apart), abs=0.03)
+    assert computed_neighbours(computed) == pytest.approx(neighbours_of(found), abs=0.03)
+
+
+@pytest.mark.parametrize(("response", "longer"), [(0.8, 1.0), (0.4, 1.0), (0.2, 8 / 13)])
+def test_noise_of_larger_windows_stays_where_passes_find_little(response, longer):
+    """``longer``: what windows twice as long find of a displacement, 2/(1 + (2/r - 1)/4) and 1 at the most."""
+    settings = CorrelationSettings(windows=((2 * SIZE,) * 3,), inner_window=(SIZE,) * 3)
+    assert len(settings.passes) == 3
+    parts = longer, response, response
+    each = zip(*(through(settings, seed, parts, 7) for seed in range(8)), strict=True)
+    once, found = (np.concatenate(v) for v in each)
+    grid = window_grid(SHAPE, *settings.passes[-1])
+    computed, usual = noise_amplification(grid, settings, response), noise_amplification(grid, settings)
+    assert computed.gain == pytest.approx(np.mean(found**2) / np.mean(once**2), rel=0.06)
+    assert computed_neighbours(computed) == pytest.approx(neighbours_of(found), abs=0.03)
+    assert computed_neighbours(computed) > computed_neighbours(usual)
 
 
 @pytest.mark.parametrize(("count", "expected"), [(1, [0]), (2, [0, 1]), (5, [0, 2, 4]), (6, [0, 2, 4, 5])])

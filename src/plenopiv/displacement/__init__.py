@@ -15,6 +15,7 @@ deformation.py  both volumes sampled half a displacement apart
 validation.py   normalised median test, and the replacement of outliers
 solid.py        windows in a solid body, which are not measured
 sub_windows.py  sub-window averaging: vectors as means over smaller windows
+depth_response.py  what part of a displacement in depth a pass finds
 noise_amplification.py  noise of the vectors over that of one correlation, after iteration and averaging
 uncertainty.py  standard deviation of every vector
 window_pass.py  one pass over the windows, batch by batch

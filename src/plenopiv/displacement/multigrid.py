@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from plenopiv.displacement.compression import compressed
 from plenopiv.displacement.correlation import Spectra
+from plenopiv.displacement.depth_response import depth_response
 from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.offset import discrete_offset
@@ -193,7 +194,8 @@ def multi_grid(
     _warn_if_far(displacement, valid, settings)
     assert result.variance is not None
     whole = None if settings.sub_window is None else window_grid(shape, settings.windows[-1], settings.overlap)
-    std = standard_deviation(displacement, valid, result.variance, plan[-1], settings, whole)
+    response = None if predictor is None else depth_response(pairs, plan[-1], predictor, settings)
+    std = standard_deviation(displacement, valid, result.variance, plan[-1], settings, whole, response)
     found = displacement, result.displacement, valid, result.peak_ratio
     if whole is not None:
         found = average_sub_windows(*found, plan[-1], whole, averaged_share(settings))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 _MOVED = 0.25  # D, voxels
 _WIDTHS = np.geomspace(0.5, 64.0, 48)  # s^2, voxel^2
-_LEAST_LEFT = 0.5  # of D in a peak that is corrected in full; of others this part is left out: noise grows with it
+LEAST_LEFT = 0.5  # of D in a peak that is corrected in full; of others this part is left out: noise grows with it
 _NARROWEST = 0.4  # 1/K, voxel^2, of a peak that three voxels still tell
 _KNOTS, _LONGER = 48, 3.0  # the widest peak of the table has this many times the 1/K of one corrected in full
 _TELLING, _USUAL = 1.2, 4.0  # ratio of 1/K over all widths below which K tells none; the s^2 that is taken then
@@ -83,7 +83,7 @@ def powers(n: int, around: int, taper: float, variance: float, whitening: float)
         left, middle, right = np.log(peak)
         bend = 2 * middle - left - right
         kept = 0.5 * (right - left) / bend / _MOVED  # of the displacement
-        if _LEAST_LEFT <= kept <= 1.0 and 1 / bend >= _NARROWEST:
+        if LEAST_LEFT <= kept <= 1.0 and 1 / bend >= _NARROWEST:
             known.append((width, 1 / bend, bend * (1 - kept) / bent))
     if not known:  # peaks too narrow for three voxels
         return np.array([0.0, 1.0, *np.ones(_KNOTS)])
@@ -93,5 +93,5 @@ def powers(n: int, around: int, taper: float, variance: float, whitening: float)
     falls = np.flatnonzero(np.diff(inverse) <= 0)  # of narrow peaks, between voxels
     inverse, power = (v[falls.max(initial=-1) + 1 :] for v in (inverse, power))
     knots = np.linspace(inverse[0], _LONGER * inverse[-1], _KNOTS)
-    most = (1 - _LEAST_LEFT) / (knots * bent)  # C^power takes no more of a peak's curvature
+    most = (1 - LEAST_LEFT) / (knots * bent)  # C^power takes no more of a peak's curvature
     return np.array([knots[0], 1 / (knots[1] - knots[0]), *np.minimum(np.interp(knots, inverse, power), most)])

@@ -14,7 +14,8 @@ as measured is in docs/uncertainty.md.
    particles s^2 scatters widely upward.
 2. *Iteration.* Each pass deforms by the vectors of the last one, noise included, and corrects only what a window
    resolves, so noise at short wavelengths is amplified. ``noise_amplification`` computes the factor K of the variance
-   (1.63 for three passes).
+   (1.63 for three passes). In depth a pass finds less where particles are long, as ``depth_response`` measures: what
+   it leaves, the noise of larger windows too, stays, and is alike over several of the finest.
 3. *Averaging bias.* Where the flow is curved, its mean over a window differs from the value at the centre by
    q = sum_i n_i^2/24 d''_i, estimated from second differences of the field (``averaging_bias``). Noise alone gives q a
    variance of c K s^2; where q exceeds twice that standard deviation, it counts as flow that the windows do not
@@ -248,17 +249,24 @@ def standard_deviation(
     windows: WindowGrid,
     settings: CorrelationSettings,
     whole: WindowGrid | None = None,
+    response: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Standard deviation (3, nz, ny, nx) of ``displacement`` (same shape), in voxels; finite everywhere. With
-    ``whole``: of its mean over those windows, one for each of them.
+    ``whole``: of its mean over those windows, one for each of them. ``response`` (nz,): what part of a displacement in
+    depth a pass finds in each layer (``depth_response``); None for all of it.
 
     ``variance``: of one correlation, from ``ScatterCorrelator``. A replaced vector (``valid`` False) has no particles
     of its own. Its variance is the mean of the 26 nearest valid ones, whose linear fit its value is, with q enlarged:
     with neighbours all around, a fit weighted by r^-2 is off by <r^2>/6 = 0.30 squared steps of d''_x + d''_y + d''_z.
     """
-    amplification = noise_amplification(windows, settings)
-    noise = amplification.gain * variance
-    bias, of_noise = averaging_bias(displacement, windows) ** 2, amplification.bias_share * noise
+    shows = np.ones(windows.shape[0]) if response is None else np.round(response, 2)
+    amplified = {r: noise_amplification(windows, settings, r) for r in {1.0, *shows.tolist()}}
+    gain, share = np.ones((2, 3, windows.shape[0], 1, 1))
+    for axis, of_axis in enumerate((np.ones_like(shows), np.ones_like(shows), shows)):
+        gain[axis, :, 0, 0] = [amplified[r].gain for r in of_axis.tolist()]
+        share[axis, :, 0, 0] = [amplified[r].bias_share for r in of_axis.tolist()]
+    noise = gain * variance
+    bias, of_noise = averaging_bias(displacement, windows) ** 2, share * noise
     bias = np.where(bias > _SIGNIFICANT**2 * of_noise, bias, 0.0) if whole is None else bias - of_noise
     out = np.stack([noise, bias])
     if valid.any() and not valid.all():
@@ -270,11 +278,15 @@ def standard_deviation(
         out[:, :, ~valid] = np.stack([noise, off * bias])[:, :, valid][:, :, index].mean(-1)
     if whole is None:
         return np.sqrt(out.sum(0))
-    share = averaged_share(settings)
-    constant = mean_weights(whole, windows, extrapolate=False, share=share)
+    over = averaged_share(settings)
+    constant, linear = (mean_weights(whole, windows, extrapolate, over) for extrapolate in (False, True))
     bias = np.maximum(mean_over(out[1], constant), 0.0)
     noise = mean_over(np.sqrt(out[0]), constant) ** 2
     # replaced sub-windows come from the same few neighbours: a mean over them has no less noise
-    of_mean = amplification.variance_of_mean(mean_weights(whole, windows, extrapolate=True, share=share))
+    of_mean = np.stack([amplified[1.0].variance_of_mean(linear)] * 3)
+    for layer, r in enumerate(np.round(constant[0] @ shows, 2).tolist()):
+        if r < 1.0:
+            one = noise_amplification(windows, settings, r)
+            of_mean[2, layer] = one.variance_of_mean((linear[0][layer : layer + 1], *linear[1:]))[0]
     measured = of_mean * noise + _BIAS_OF_MEAN * bias
     return np.sqrt(np.where(mostly_measured(valid, constant), measured, noise + bias))

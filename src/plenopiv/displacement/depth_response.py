@@ -1,0 +1,54 @@
+"""How much of a displacement in depth one pass finds where particles are long, measured.
+
+The ends of a window cut particle images that are long in depth, which pulls their peak to no displacement. ``overlap``
+corrects for it, twofold at most. What that leaves a peak does not show: it is measured. A sample of the last pass'
+windows is deformed by a quarter of a voxel more in depth, and less, than the predictor says; of the half voxel between
+them the windows find a part r, and the rest remains between their vectors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plenopiv.displacement.predictor import SplineField
+from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.windows import WindowGrid
+
+if TYPE_CHECKING:
+    from plenopiv.displacement.multigrid import Pairs
+
+OFFSET = 0.25  # voxel
+LAYERS, ACROSS = 3, 6  # every third layer, and so many windows along y and x at most
+LEAST = 0.2  # r that is taken at least: of a smaller one noise is all
+
+
+def depth_response(
+    pairs: Pairs, windows: WindowGrid, predictor: SplineField, settings: CorrelationSettings
+) -> NDArray[np.float64]:
+    """r (nz,) of each layer of ``windows``, LEAST to 1: the median of a layer's sample, linear between these."""
+    apart = (LAYERS, *(max(1, -(-count // ACROSS)) for count in windows.shape[1:]))
+    starts = tuple(begin[(len(begin) - 1) % n // 2 :: n] for begin, n in zip(windows.starts, apart, strict=True))
+    steps = tuple(step * n for step, n in zip(windows.step, apart, strict=True))
+    sample = WindowGrid(windows.size, steps, starts)  # type: ignore[arg-type]
+    low, high = (
+        pairs.correlated(sample, _moved(predictor, sign * OFFSET), settings, settings.residual_search)
+        for sign in (-1, 1)
+    )
+    left = np.where(low.found & high.found, (high.displacement - low.displacement)[2] / (2 * OFFSET), np.nan)
+    left = left.reshape(len(left), -1)
+    measured = np.isfinite(left).any(1)
+    if not measured.any():
+        return np.ones(windows.shape[0])
+    found = 1 - np.nanmedian(left[measured], 1)
+    return np.clip(np.interp(windows.starts[0], sample.starts[0][measured], found), LEAST, 1.0)
+
+
+def _moved(predictor: SplineField, by: float) -> SplineField:
+    """The predictor and ``by`` voxels in depth: B-splines sum to one."""
+    coefficients = predictor.coefficients.copy()
+    coefficients[2] += np.float32(by)
+    return replace(predictor, coefficients=coefficients)
