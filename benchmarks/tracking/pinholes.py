@@ -39,7 +39,7 @@ SCALE_MM, SIDE_MM, DISTANCE_MM, ANGLE_DEG = 0.0176, 4.4, 500.0, 20.0
 DIAMETER_PX, ELECTRONS, SPREAD, BLACK, SEED = 2.7, 2000.0, 0.3, 60.0, 3
 VOXEL_MM = np.full(3, SCALE_MM)
 MARGIN_MM = 0.05
-CASES = {f"{ppp:g}": {"ppp": ppp} for ppp in (0.005, 0.02, 0.05, 0.1)}
+CASES = {f"{ppp:g}": {"ppp": ppp} for ppp in (0.005, 0.02, 0.05)}
 WAYS = "MART", "crossings"
 
 
