@@ -27,8 +27,8 @@ from plenopiv.displacement.compression import compressed
 from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.ensemble import EachVolume, PairsOfVolumes, measure_ensemble
 from plenopiv.displacement.field import DisplacementField
-from plenopiv.displacement.multigrid import Progress as CorrelationProgress
 from plenopiv.displacement.multigrid import measure
+from plenopiv.displacement.pairs import Progress as CorrelationProgress
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.solid import Solid
 from plenopiv.errors import PlenoPIVError

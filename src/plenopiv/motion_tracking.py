@@ -20,7 +20,7 @@ from scipy.ndimage import map_coordinates
 from plenopiv.chain import Chain
 from plenopiv.displacement.deformation import DeformedPlanes
 from plenopiv.displacement.field import DisplacementField
-from plenopiv.displacement.multigrid import Progress
+from plenopiv.displacement.pairs import Progress
 from plenopiv.displacement.predictor import SplineField, fit_spline
 from plenopiv.volume import SparseVolume
 

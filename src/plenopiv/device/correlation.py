@@ -23,8 +23,8 @@ from plenopiv.device.correlation_windows import Found, How, correlated
 from plenopiv.displacement import multigrid
 from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.field import DisplacementField
-from plenopiv.displacement.multigrid import Progress
 from plenopiv.displacement.overlap import PLAIN
+from plenopiv.displacement.pairs import Progress
 from plenopiv.displacement.peaks import find_peaks
 from plenopiv.displacement.predictor import SplineField
 from plenopiv.displacement.settings import CorrelationSettings

@@ -19,6 +19,7 @@ depth_response.py  what part of a displacement in depth a pass finds
 noise_amplification.py  noise of the vectors over that of one correlation, after iteration and averaging
 uncertainty.py  standard deviation of every vector
 window_pass.py  one pass over the windows, batch by batch
+pairs.py        what the passes ask of volumes
 multigrid.py    one pass of a pair, and the loop over passes
 ensemble.py     the same with correlations summed over many pairs
 field.py        the result

@@ -9,17 +9,14 @@ them the windows find a part r, and the rest remains between their vectors.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.displacement.pairs import Pairs
 from plenopiv.displacement.predictor import SplineField
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.windows import WindowGrid
-
-if TYPE_CHECKING:
-    from plenopiv.displacement.multigrid import Pairs
 
 OFFSET = 0.25  # voxel
 LAYERS, ACROSS = 3, 6  # every third layer, and so many windows along y and x at most

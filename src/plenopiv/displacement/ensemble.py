@@ -43,8 +43,9 @@ from plenopiv.displacement.compression import CompressedVolume, compressed
 from plenopiv.displacement.correlation import Spectra
 from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.field import DisplacementField
-from plenopiv.displacement.multigrid import Progress, multi_grid
+from plenopiv.displacement.multigrid import multi_grid
 from plenopiv.displacement.offset import summed_offset
+from plenopiv.displacement.pairs import Progress
 from plenopiv.displacement.predictor import SplineField
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.solid import Solid

@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from plenopiv.displacement.depth_response import depth_response
 from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.offset import discrete_offset
+from plenopiv.displacement.pairs import Pairs, Progress
 from plenopiv.displacement.predictor import SplineField, fit_spline, smooth_predictor
 from plenopiv.displacement.resolution import averaged_share
 from plenopiv.displacement.settings import CorrelationSettings
@@ -28,28 +28,6 @@ from plenopiv.displacement.window_pass import PassResult, PassVectors, StepDone,
 from plenopiv.displacement.windows import WindowGrid, window_grid
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.volume import Volume
-
-Progress = Callable[[str, int, int], None]
-
-
-class Pairs(Protocol):
-    """What the passes correlate: one pair of volumes, or many whose correlations are summed."""
-
-    def correlated(
-        self,
-        windows: WindowGrid,
-        predictor: SplineField | None,
-        settings: CorrelationSettings,
-        search: float,
-        step_done: StepDone | None = None,
-        scatter: bool = False,
-    ) -> PassResult:
-        """As ``correlation_pass``."""
-
-    def offset(
-        self, windows: WindowGrid, first: NDArray[np.float64], progress: Progress | None = None
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """As ``discrete_offset``."""
 
 
 @dataclass(frozen=True)
