@@ -19,7 +19,7 @@ from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.windows import WindowGrid
 
 OFFSET = 0.25  # voxel
-LAYERS, ACROSS = 3, 6  # every third layer, and so many windows along y and x at most
+ACROSS = 6  # windows along y and x, at most; along z as far apart as they are deep, or nearer
 LEAST = 0.2  # r that is taken at least: of a smaller one noise is all
 
 
@@ -27,7 +27,7 @@ def depth_response(
     pairs: Pairs, windows: WindowGrid, predictor: SplineField, settings: CorrelationSettings
 ) -> NDArray[np.float64]:
     """r (nz,) of each layer of ``windows``, LEAST to 1: the median of a layer's sample, linear between these."""
-    apart = (LAYERS, *(max(1, -(-count // ACROSS)) for count in windows.shape[1:]))
+    apart = (max(1, windows.size[0] // windows.step[0]), *(max(1, -(-count // ACROSS)) for count in windows.shape[1:]))
     starts = tuple(begin[(len(begin) - 1) % n // 2 :: n] for begin, n in zip(windows.starts, apart, strict=True))
     steps = tuple(step * n for step, n in zip(windows.step, apart, strict=True))
     sample = WindowGrid(windows.size, steps, starts)  # type: ignore[arg-type]
