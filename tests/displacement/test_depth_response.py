@@ -33,31 +33,37 @@ class Finds:
         return PassResult(found, lit, np.ones(windows.shape, np.float32))
 
 
+def of(pairs, windows=WINDOWS, predictor=STILL):
+    """The part found, after a last pass."""
+    last = pairs.correlated(windows, predictor, SETTINGS, SETTINGS.residual_search)
+    return depth_response(pairs, windows, predictor, SETTINGS, last)
+
+
 @pytest.mark.parametrize("part", [1.0, 0.6, 0.35])
 def test_part_found_is_measured_in_each_layer(part):
     r = np.linspace(part, 0.8 * part, WINDOWS.shape[0])
-    found = depth_response(Finds(r), WINDOWS, STILL, SETTINGS)
+    found = of(Finds(r))
     assert found.shape == (WINDOWS.shape[0],)
     np.testing.assert_allclose(found, r, atol=0.05)
 
 
 def test_part_is_within_its_limits():
     count = WINDOWS.shape[0]
-    assert depth_response(Finds(np.full(count, 1.3)), WINDOWS, STILL, SETTINGS).max() == 1.0
-    assert depth_response(Finds(np.zeros(count)), WINDOWS, STILL, SETTINGS).min() == LEAST
+    assert of(Finds(np.full(count, 1.3))).max() == 1.0
+    assert of(Finds(np.zeros(count))).min() == LEAST
 
 
 def test_windows_without_light_say_nothing():
     count = WINDOWS.shape[0]
-    np.testing.assert_array_equal(depth_response(Finds(np.full(count, 0.5), lit=False), WINDOWS, STILL, SETTINGS), 1.0)
+    np.testing.assert_array_equal(of(Finds(np.full(count, 0.5), lit=False)), 1.0)
 
 
 def test_only_a_sample_of_windows_is_asked():
     pairs, wide = Finds(np.full(WINDOWS.shape[0], 0.5)), window_grid((60, 300, 300), *SETTINGS.passes[-1])
     predictor = fit_spline(np.zeros((3, *wide.shape)), wide.centres, (60, 300, 300))
-    depth_response(pairs, wide, predictor, SETTINGS)
+    of(pairs, wide, predictor)
     assert len(pairs.asked) == 2
-    for sample in pairs.asked:
+    for sample in pairs.asked[1:]:
         assert max(sample.shape[1:]) <= 6
         assert sample.shape[0] <= -(-wide.shape[0] // 2)
         assert sample.step[0] <= sample.size[0]  # no plane between layers is left out
@@ -78,8 +84,8 @@ def particles(length, moved=0.0, count=900, others=1):
 
 def test_long_particles_show_less_of_a_displacement_and_have_longer_error_bars(monkeypatch):
     short, long = (OnePair(particles(s), particles(s, moved=0.1, others=2)) for s in (1.0, 4.0))
-    assert depth_response(short, WINDOWS, STILL, SETTINGS).mean() > 0.9
-    assert depth_response(long, WINDOWS, STILL, SETTINGS).mean() < 0.5
+    assert of(short).mean() > 0.9
+    assert of(long).mean() < 0.5
     known = measure(long.a, long.b, SETTINGS)
     monkeypatch.setattr(multigrid, "depth_response", lambda pairs, windows, *_: np.ones(windows.shape[0]))
     unknown = measure(long.a, long.b, SETTINGS)

@@ -2,8 +2,8 @@
 
 The ends of a window cut particle images that are long in depth, which pulls their peak to no displacement. ``overlap``
 corrects for it, twofold at most. What that leaves a peak does not show: it is measured. A sample of the last pass'
-windows is deformed by a quarter of a voxel more in depth, and less, than the predictor says; of the half voxel between
-them the windows find a part r, and the rest remains between their vectors.
+windows is deformed once more, by half a voxel in depth beyond the predictor. Of that half voxel the windows find a part
+r; the rest stays between their vectors and those of the last pass.
 """
 
 from __future__ import annotations
@@ -16,32 +16,32 @@ from numpy.typing import NDArray
 from plenopiv.displacement.pairs import Pairs
 from plenopiv.displacement.predictor import SplineField
 from plenopiv.displacement.settings import CorrelationSettings
+from plenopiv.displacement.window_pass import PassResult
 from plenopiv.displacement.windows import WindowGrid
 
-OFFSET = 0.25  # voxel
+OFFSET = 0.5  # voxel
 ACROSS = 6  # windows along y and x, at most; along z as far apart as they are deep, or nearer
 LEAST = 0.2  # r that is taken at least: of a smaller one noise is all
 
 
 def depth_response(
-    pairs: Pairs, windows: WindowGrid, predictor: SplineField, settings: CorrelationSettings
+    pairs: Pairs, windows: WindowGrid, predictor: SplineField, settings: CorrelationSettings, last: PassResult
 ) -> NDArray[np.float64]:
-    """r (nz,) of each layer of ``windows``, LEAST to 1: the median of a layer's sample, linear between these."""
+    """r (nz,) of each layer of ``windows``, LEAST to 1: the median of a layer's sample, linear between these. ``last``:
+    what the last pass, deformed by ``predictor``, found in them."""
     apart = (max(1, windows.size[0] // windows.step[0]), *(max(1, -(-count // ACROSS)) for count in windows.shape[1:]))
-    starts = tuple(begin[(len(begin) - 1) % n // 2 :: n] for begin, n in zip(windows.starts, apart, strict=True))
+    z, y, x = (slice((len(begin) - 1) % n // 2, None, n) for begin, n in zip(windows.starts, apart, strict=True))
+    starts = windows.starts[0][z], windows.starts[1][y], windows.starts[2][x]
     steps = tuple(step * n for step, n in zip(windows.step, apart, strict=True))
     sample = WindowGrid(windows.size, steps, starts)  # type: ignore[arg-type]
-    low, high = (
-        pairs.correlated(sample, _moved(predictor, sign * OFFSET), settings, settings.residual_search)
-        for sign in (-1, 1)
-    )
-    left = np.where(low.found & high.found, (high.displacement - low.displacement)[2] / (2 * OFFSET), np.nan)
-    left = left.reshape(len(left), -1)
+    beyond = pairs.correlated(sample, _moved(predictor, OFFSET), settings, settings.residual_search)
+    gap = (beyond.displacement[2] - last.displacement[2, z, y, x]) / OFFSET
+    left = np.where(beyond.found & last.found[z, y, x], gap, np.nan).reshape(len(starts[0]), -1)
     measured = np.isfinite(left).any(1)
     if not measured.any():
         return np.ones(windows.shape[0])
     found = 1 - np.nanmedian(left[measured], 1)
-    return np.clip(np.interp(windows.starts[0], sample.starts[0][measured], found), LEAST, 1.0)
+    return np.clip(np.interp(windows.starts[0], starts[0][measured], found), LEAST, 1.0)
 
 
 def _moved(predictor: SplineField, by: float) -> SplineField:

@@ -104,7 +104,7 @@ def measure_ensemble(
     """The displacement field that all ``pairs`` (first volume, second volume) share, in voxels.
 
     Passes, windows and settings as for ``measure``; of one pair the result is the same bit for bit. ``pairs[k]`` is
-    asked for once in each pass and for each step of the discrete window offset, four times in the last one, and as many
+    asked for once in each pass and for each step of the discrete window offset, three times in the last, and as many
     times as often as the windows' correlations take more than ``PLANES_BYTES``; one pair is held at a time. Memory: a
     pair of volumes and what ``measure`` takes for it, and ``PLANES_BYTES`` at most (or one layer of windows, where that
     takes more) for the correlations, 4 bytes for each displacement that is searched of each window. ``progress``,

@@ -172,7 +172,7 @@ def multi_grid(
     _warn_if_far(displacement, valid, settings)
     assert result.variance is not None
     whole = None if settings.sub_window is None else window_grid(shape, settings.windows[-1], settings.overlap)
-    response = None if predictor is None else depth_response(pairs, plan[-1], predictor, settings)
+    response = None if predictor is None else depth_response(pairs, plan[-1], predictor, settings, result)
     std = standard_deviation(displacement, valid, result.variance, plan[-1], settings, whole, response)
     found = displacement, result.displacement, valid, result.peak_ratio
     if whole is not None:
