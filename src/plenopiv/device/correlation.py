@@ -59,7 +59,7 @@ def measure(
 
 class DevicePair:
     """Two volumes on the device, ``both`` as ``Planes``, and what their light counts by its depth
-    (``multigrid.Pairs``)."""
+    (``pairs.Pairs``)."""
 
     def __init__(self, a: Volume, b: Volume, depth: DepthWeights | None, plan: Room) -> None:
         self._shape, self._depth, self._plan = a.grid.shape, depth, plan

@@ -120,7 +120,7 @@ def measure_ensemble(
 
 
 class SummedPairs:
-    """The passes' correlations, summed over pairs (``multigrid.Pairs``)."""
+    """The passes' correlations, summed over pairs (``pairs.Pairs``)."""
 
     def __init__(
         self, pairs: PairsOfVolumes[Volume], settings: CorrelationSettings, depth: DepthWeights | None = None

@@ -33,6 +33,8 @@ Errors common to both frames (light without depth near focus, calibration) are n
 
 from __future__ import annotations
 
+from functools import cache, partial
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -259,12 +261,12 @@ def standard_deviation(
     of its own. Its variance is the mean of the 26 nearest valid ones, whose linear fit its value is, with q enlarged:
     with neighbours all around, a fit weighted by r^-2 is off by <r^2>/6 = 0.30 squared steps of d''_x + d''_y + d''_z.
     """
+    amplified = cache(partial(noise_amplification, windows, settings))
     shows = np.ones(windows.shape[0]) if response is None else np.round(response, 2)
-    amplified = {r: noise_amplification(windows, settings, r) for r in {1.0, *shows.tolist()}}
-    gain, share = np.ones((2, 3, windows.shape[0], 1, 1))
-    for axis, of_axis in enumerate((np.ones_like(shows), np.ones_like(shows), shows)):
-        gain[axis, :, 0, 0] = [amplified[r].gain for r in of_axis.tolist()]
-        share[axis, :, 0, 0] = [amplified[r].bias_share for r in of_axis.tolist()]
+    gain, share = np.empty((2, 3, windows.shape[0], 1, 1))
+    gain[:2], share[:2] = amplified(1.0).gain, amplified(1.0).bias_share
+    gain[2, :, 0, 0] = [amplified(r).gain for r in shows.tolist()]
+    share[2, :, 0, 0] = [amplified(r).bias_share for r in shows.tolist()]
     noise = gain * variance
     bias, of_noise = averaging_bias(displacement, windows) ** 2, share * noise
     bias = np.where(bias > _SIGNIFICANT**2 * of_noise, bias, 0.0) if whole is None else bias - of_noise
@@ -283,10 +285,9 @@ def standard_deviation(
     bias = np.maximum(mean_over(out[1], constant), 0.0)
     noise = mean_over(np.sqrt(out[0]), constant) ** 2
     # replaced sub-windows come from the same few neighbours: a mean over them has no less noise
-    of_mean = np.stack([amplified[1.0].variance_of_mean(linear)] * 3)
+    of_mean = np.stack([amplified(1.0).variance_of_mean(linear)] * 3)
     for layer, r in enumerate(np.round(constant[0] @ shows, 2).tolist()):
         if r < 1.0:
-            one = noise_amplification(windows, settings, r)
-            of_mean[2, layer] = one.variance_of_mean((linear[0][layer : layer + 1], *linear[1:]))[0]
+            of_mean[2, layer] = amplified(r).variance_of_mean((linear[0][layer : layer + 1], *linear[1:]))[0]
     measured = of_mean * noise + _BIAS_OF_MEAN * bias
     return np.sqrt(np.where(mostly_measured(valid, constant), measured, noise + bias))
