@@ -149,7 +149,7 @@ def main():
             shutil.copytree(options.recording, first)
         experiment = Experiment.load(first / "experiment.toml")
         frames = experiment.recording().names[:2]
-        (first / "experiment.toml").write_text(experiment.changed(pairs=[frames]).dump_toml(first))
+        (first / "experiment.toml").write_text(experiment.changed(frames=None, pairs=[frames]).dump_toml(first))
     experiment = Experiment.load(first / "experiment.toml")
     right = target_calibration(experiment, experiment.recording())
     results = {}

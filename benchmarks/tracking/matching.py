@@ -1,4 +1,4 @@
-"""True particles and reported ones, one to one."""
+"""True particles and reported ones, one to one, and how well each can be placed."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import cKDTree
+
+from plenopiv.tracking.covariance import covariance_of
+from plenopiv.tracking.light import LightOfPoints
+from plenopiv.tracking.pixels import Pixels
+from plenopiv.tracking.refine import Prior, refine
 
 ACROSS, DEEP = 1.0, 2.0  # voxels within which a reported particle can be a true one
 ALONE = 10.0  # price of one that is not matched, above any match's
@@ -32,3 +37,10 @@ def matched(truth_mm: Array, found_mm: Array, voxel_mm: Array) -> NDArray[np.int
     out = np.full(n, -1, np.int64)
     out[row] = np.where(column < m, column, -1)
     return out
+
+
+def bound_mm(of_points: LightOfPoints, pixels: Pixels, truth_mm: Array, light: Array) -> Array:
+    """Least standard deviation (n, 3) of each true particle among the others (Cramer-Rao), positions and ``light``, in
+    counts, unknown."""
+    fit = refine(of_points, pixels, truth_mm, light, Prior(truth_mm, np.full(3, 1e3)), 0)
+    return np.sqrt(np.einsum("nii->ni", covariance_of(fit)))[:, :3] * fit.lights.unit_mm

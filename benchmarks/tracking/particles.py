@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from matching import matched
+from matching import bound_mm, matched
 from recorded import camera_and_volume, run_cases, three, write_table
 
 from plenopiv.chain import Chain
@@ -25,20 +25,17 @@ from plenopiv.experiment.tracking_table import TrackingTable
 from plenopiv.run.track_pair import linked
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.images import particle_image
-from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
 from plenopiv.simulation.simulated_recording import Seeding, seed_pair
-from plenopiv.tracking.covariance import covariance_of
 from plenopiv.tracking.frame import particles_of_frame
 from plenopiv.tracking.light import PointLights
 from plenopiv.tracking.peaks import peaks
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.refine import Prior, refine
 from plenopiv.volume import VoxelGrid
 
 RECORD = Path(__file__).with_name("particles.json")
 VOXEL_MM = np.array([0.017, 0.017, 0.077])
-DT_S, RAYS, BACKGROUND, SEED = 5e-4, 40_000, 4.0, 11
+DT_S, RAYS, BACKGROUND, SEED = 5e-4, 200_000, 4.0, 11
 MARGIN = 0.07  # voxels' worth of mm beyond the volume in which particles are looked for
 BASE = {"ppm": 1.0, "depth_mm": 8.0, "electrons": 400.0, "columns": 420}
 CASES = {
@@ -87,20 +84,12 @@ def measure(ppm: float, depth_mm: float, electrons: float, columns: int) -> dict
     bands = {"inside": (0.0, zone), "beyond": (zone, np.inf)}
     if depth_mm > 12.0:
         bands |= {"beyond, to 6 mm": (zone, 6.0), "beyond 6 mm": (6.0, np.inf)}
-    bound = _bound_mm(of_points, truth[0], pixels)
+    bound = bound_mm(of_points, pixels, truth[0].position_mm, SensorNoise().gain * truth[0].electrons)
     out = {"particles": len(truth[0].electrons), "ms_per_particle": 1e3 * np.mean(frames_s) / len(frames[0].light)}
     out["chi2"] = float(np.median(frames[0].misfit))
     for name, band in bands.items():
         out[name] = _scored(truth[0], frames[0], partners[0], whole[0], bound, band)
     return out | {"links": _links(links, partners, whole)}
-
-
-def _bound_mm(of_points: PointLights, truth: Particles, pixels: Pixels) -> np.ndarray:
-    """Least standard deviation (n, 3) of each true particle among the others."""
-    light = SensorNoise().gain * truth.electrons
-    wide = Prior(truth.position_mm, np.full(3, 1e3))
-    fit = refine(of_points, pixels, truth.position_mm, light, wide, 0)
-    return np.sqrt(np.einsum("nii->ni", covariance_of(fit)))[:, :3] * fit.lights.unit_mm
 
 
 def _scored(truth, found, partner, whole, bound, band) -> dict:

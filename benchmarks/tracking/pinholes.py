@@ -16,7 +16,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from matching import matched
+from matching import bound_mm, matched
 from recorded import run_cases, three, write_table
 
 from plenopiv.cameras.pinhole import looking_at
@@ -26,12 +26,10 @@ from plenopiv.sensor import Sensor
 from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.pinhole_images import pinhole_image
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
-from plenopiv.tracking.covariance import covariance_of
 from plenopiv.tracking.frame import particles_of_frame
 from plenopiv.tracking.peaks import peaks
 from plenopiv.tracking.pinhole_light import PinholeLights, measured_image_px
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.refine import Prior, refine
 from plenopiv.volume import VoxelGrid
 
 RECORD = Path(__file__).with_name("pinholes.json")
@@ -43,19 +41,29 @@ CASES = {f"{ppp:g}": {"ppp": ppp} for ppp in (0.005, 0.02, 0.05)}
 WAYS = "MART", "crossings"
 
 
-def measure(ppp: float) -> dict:
-    """One density, both ways."""
-    sensor = Sensor(400, 400, 0.0055, 12, BLACK)
-    cameras = [
-        looking_at((0, 0, 0), sensor, scale_mm_px=SCALE_MM, distance_mm=DISTANCE_MM, about_y_deg=y, about_x_deg=x)
-        for y, x in product((-ANGLE_DEG, ANGLE_DEG), repeat=2)
-    ]
-    limits = ((-SIDE_MM / 2, SIDE_MM / 2),) * 3
-    rng, noise = np.random.default_rng(SEED), SensorNoise()
+SENSOR = Sensor(400, 400, 0.0055, 12, BLACK)
+CAMERAS = [
+    looking_at((0, 0, 0), SENSOR, scale_mm_px=SCALE_MM, distance_mm=DISTANCE_MM, about_y_deg=y, about_x_deg=x)
+    for y, x in product((-ANGLE_DEG, ANGLE_DEG), repeat=2)
+]
+LIMITS = ((-SIDE_MM / 2, SIDE_MM / 2),) * 3
+
+
+def recorded_frame(ppp: float, seed: int = SEED) -> tuple[Particles, list[np.ndarray]]:
+    """Particles, and their images in counts."""
+    rng = np.random.default_rng(seed)
     count = round(ppp * (SIDE_MM / SCALE_MM) ** 2)
     light = ELECTRONS * np.exp(SPREAD * rng.standard_normal(count) - 0.5 * SPREAD**2)
     truth = Particles(rng.uniform(-SIDE_MM / 2, SIDE_MM / 2, (count, 3)), light)
-    counts = [digitise(pinhole_image(camera, truth, diameter_px=DIAMETER_PX), sensor, noise, rng) for camera in cameras]
+    means = (pinhole_image(camera, truth, diameter_px=DIAMETER_PX) for camera in CAMERAS)
+    return truth, [digitise(mean, SENSOR, SensorNoise(), rng) for mean in means]
+
+
+def measure(ppp: float) -> dict:
+    """One density, both ways."""
+    cameras, limits, noise = CAMERAS, LIMITS, SensorNoise()
+    truth, counts = recorded_frame(ppp)
+    count = len(truth.electrons)
     chain = Chain(
         tuple(cameras),
         VoxelGrid.covering(*limits, tuple(VOXEL_MM)),
@@ -71,7 +79,7 @@ def measure(ppp: float) -> dict:
     )
     of_points = PinholeLights(cameras, [measured_image_px(image) for image in counts])
     around = tuple((lo - MARGIN_MM, hi + MARGIN_MM) for lo, hi in limits)
-    bound = _bound_mm(of_points, truth, pixels, noise.gain)
+    bound = bound_mm(of_points, pixels, truth.position_mm, noise.gain * truth.electrons)
     out = {"particles": count, "mart_s": mart_s, "image_px": of_points.image_px}
     for way in WAYS:
         begun = time.process_time()
@@ -88,13 +96,6 @@ def measure(ppp: float) -> dict:
         out[way] = _scored(truth.position_mm, found.position_mm, std, bound)
         out[way] |= {"chi2": found.chi2, "ms_per_particle": 1e3 * seconds / len(found.light)}
     return out
-
-
-def _bound_mm(of_points: PinholeLights, truth: Particles, pixels: Pixels, gain: float) -> np.ndarray:
-    """Least standard deviation (n, 3) of each true particle among the others."""
-    wide = Prior(truth.position_mm, np.full(3, 1e3))
-    fit = refine(of_points, pixels, truth.position_mm, gain * truth.electrons, wide, 0)
-    return np.sqrt(np.einsum("nii->ni", covariance_of(fit)))[:, :3] * fit.lights.unit_mm
 
 
 def _scored(

@@ -34,7 +34,7 @@ from plenopiv.tracking.light import PointLights
 
 RECORD = Path(__file__).with_name("sequence.json")
 VOXEL_MM = np.array([0.017, 0.017, 0.077])
-DT_S, RAYS, SEED, LONG = 5e-4, 40_000, 11, 10
+DT_S, RAYS, SEED, LONG = 5e-4, 200_000, 11, 10
 BASE = {"ppm": 1.0, "depth_mm": 8.0, "electrons": 400.0, "columns": 420, "frames": 30}
 CASES = {
     "base": {},

@@ -13,7 +13,7 @@ from plenopiv.displacement.peaks import find_peaks, gaussian_offset, untilted
 from plenopiv.displacement.predictor import fit_spline, smooth_predictor
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.validation import find_outliers, normalised_median, replace_invalid
-from plenopiv.displacement.windows import WindowBatch, window_grid
+from plenopiv.displacement.windows import WindowBatch, WindowGrid, window_grid
 from plenopiv.errors import PlenoPIVError
 from plenopiv.volume import DenseVolume, VoxelGrid
 
@@ -380,6 +380,19 @@ def test_deformation_skips_only_what_is_empty():
             got = DeformedPlanes(DenseVolume(VoxelGrid((0.0,) * 3, (1.0,) * 3, shape), values), spline, 0.5).slab(0, 6)
             assert got.sum() == pytest.approx(1, abs=1e-6)
             assert (got.sum((0, 1)) @ np.arange(67)) == pytest.approx(x - 0.5 * moved, abs=1e-4)
+
+
+def test_rows_without_a_window_are_left_out():
+    """Those of windows are as ever, the others hold nothing."""
+    shape, rng = (12, 40, 30), np.random.default_rng(4)
+    volume = DenseVolume(VoxelGrid((0.0,) * 3, (1.0,) * 3, shape), rng.random(shape).astype(np.float32))
+    windows = WindowGrid((6, 8, 10), (6, 16, 10), (np.array([0, 6]), np.array([3, 19]), np.array([0, 10, 20])))
+    rows = windows.rows(40)
+    assert np.flatnonzero(rows).tolist() == [*range(3, 11), *range(19, 27)]
+    spline = fit_spline(rng.standard_normal((3, *windows.shape)), windows.centres, shape)
+    whole, some = (DeformedPlanes(volume, spline, 0.5, asked).slab(2, 7) for asked in (None, rows))
+    np.testing.assert_array_equal(some[:, rows], whole[:, rows])
+    assert not some[:, ~rows].any()
 
 
 # --- validation

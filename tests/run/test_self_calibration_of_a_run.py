@@ -18,8 +18,9 @@ from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.io.calibration_file import load_calibration, save_calibration
-from plenopiv.run.self_calibrate import self_calibrate, together
+from plenopiv.run.self_calibrate import self_calibrate
 from plenopiv.run.target import inputs_of
+from plenopiv.tracking.ray_shifts import together
 
 TARGET = {
     "target": "dots",

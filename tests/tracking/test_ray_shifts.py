@@ -9,8 +9,9 @@ from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 from plenopiv.tracking.light import PointLights, prior_std_mm
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.ray_shifts import DEGREE, VISIBLE, by_shifts, step, visible_terms
+from plenopiv.tracking.ray_shifts import DEGREE, VISIBLE, RayShifts, by_shifts, visible_terms
 from plenopiv.tracking.refine import Prior, refine
+from plenopiv.tracking.with_calibration import step
 
 CAMERA = PlenopticCamera(
     MainLens(50.0, 25.0, -1.0),
@@ -156,9 +157,8 @@ def test_a_shift_of_views_is_found_with_the_particles(true):
     light, prior = np.full(len(position), LIGHT), Prior(start, prior_std_mm(CAMERA))
     amounts, at = np.zeros(terms.visible.shape[1]), start
     for _ in range(3):
-        of_points = PointLights(CAMERA, left=terms.shift(amounts))
-        found = step(of_points, pixels, at, light, prior, terms, amounts, 2)
-        at, light, amounts = found.position_mm, found.light, found.amounts_um
+        found = step(RayShifts(CAMERA, terms), pixels, at, light, prior, amounts, 2)
+        at, light, amounts = found.position_mm, found.light, found.amounts
     before = left_by_points(true, position)[1]
     minus = ViewShift(RADIUS, HALF, DEGREE, tuple((-a, -b) for a, b in terms.shift(amounts).coefficients_mm))
     after = left_by_points(minus.plus(true), position)[1]
@@ -173,8 +173,8 @@ def test_of_a_right_calibration_little_is_found_and_its_error_is_stated():
     terms, pixels = visible_terms(CAMERA, position), seen(position, None)
     prior = Prior(position, prior_std_mm(CAMERA))
     amounts = np.zeros(terms.visible.shape[1])
-    found = step(PointLights(CAMERA), pixels, position, np.full(len(position), LIGHT), prior, terms, amounts, 2)
-    assert found.rms_um < 2.5 * found.std_um < 0.5
+    found = step(RayShifts(CAMERA, terms), pixels, position, np.full(len(position), LIGHT), prior, amounts, 2)
+    assert found.rms < 2.5 * found.std < 0.5
 
 
 def test_shifts_add():

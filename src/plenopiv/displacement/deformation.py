@@ -28,13 +28,17 @@ SPLINE_VARIANCE = 1.0 / 3.0  # voxel^2, of the cubic B-spline
 class DeformedPlanes:
     """Planes of a volume, sampled at x + share * d(x); made in ascending order, a few at a time.
 
-    ``share`` is -0.5 for the first volume of a pair and +0.5 for the second. Peak memory: the planes asked for, and
-    those of the source that they reach.
+    ``share`` is -0.5 for the first volume of a pair and +0.5 for the second. ``rows`` (ny,): of which samples are
+    asked for, by default all; the others are zero. Peak memory: the planes asked for, and those of the source that they
+    reach.
     """
 
-    def __init__(self, volume: Volume, predictor: SplineField, share: float) -> None:
+    def __init__(
+        self, volume: Volume, predictor: SplineField, share: float, rows: NDArray[np.bool_] | None = None
+    ) -> None:
         self.volume, self.predictor, self.share = volume, predictor, share
         _, ny, nx = volume.grid.shape
+        self._rows = np.ones(ny, bool) if rows is None else rows
         self._y = predictor.taps(1, np.arange(ny))
         self._x = predictor.taps(2, np.arange(nx))
 
@@ -53,7 +57,7 @@ class DeformedPlanes:
         out = np.empty((hi - lo, *source.shape[1:]), np.float32)
         marks = np.empty((*source.shape[:2], -(-source.shape[2] // BLOCK)), np.uint8)
         in_threads(_mark, source.shape[0] * source.shape[1], source, marks)
-        about = source, marks, source_lo, lo, along_x, *self._y, np.float32(self.share), out
+        about = source, marks, source_lo, lo, along_x, self._rows, *self._y, np.float32(self.share), out
         in_threads(_sample, out.shape[0] * out.shape[1], *about)
         return out
 
@@ -185,6 +189,7 @@ def _sample_rows(
     source_lo: int,
     lo: int,
     along_x: NDArray[np.float32],
+    rows: NDArray[np.bool_],
     first_y: NDArray[np.int64],
     weights_y: NDArray[np.float32],
     share: np.float32,
@@ -201,6 +206,8 @@ def _sample_rows(
         k, j = row // ny, row % ny
         z, f, here = k + lo - source_lo, first_y[j], out[k, j]
         here[:] = np.float32(0)
+        if not rows[j]:
+            continue
         for x in range(0, nx, CHUNK):
             count = min(CHUNK, nx - x)
             for c in range(3):
@@ -248,12 +255,14 @@ def _sample(
     source_lo: int,
     lo: int,
     along_x: NDArray[np.float32],
+    rows: NDArray[np.bool_],
     first_y: NDArray[np.int64],
     weights_y: NDArray[np.float32],
     share: np.float32,
     out: NDArray[np.float32],
 ) -> None:
-    """Rows begin to end of ``out``: voxels of the source, moved by the sum of four lines of ``along_x``. Those that
-    moved by the same whole number of voxels along each axis, most of a row, are sampled sixteen at a time."""
+    """Rows begin to end of ``out``, if asked for: voxels of the source, moved by the sum of four lines of ``along_x``.
+    Those that moved by the same whole number of voxels along each axis, most of a row, are sampled sixteen at a
+    time."""
     room = np.zeros((3, STRIDE), np.float32), np.zeros((3, CHUNK), np.int32), np.zeros(BLOCK, np.float32)
-    _sample_rows(begin, end, source, marks, source_lo, lo, along_x, first_y, weights_y, share, out, room)
+    _sample_rows(begin, end, source, marks, source_lo, lo, along_x, rows, first_y, weights_y, share, out, room)

@@ -29,11 +29,8 @@ def depth_response(
 ) -> NDArray[np.float64]:
     """r (nz,) of each layer of ``windows``, LEAST to 1: the median of a layer's sample, linear between these. ``last``:
     what the last pass, deformed by ``predictor``, found in them."""
-    apart = (max(1, windows.size[0] // windows.step[0]), *(max(1, -(-count // ACROSS)) for count in windows.shape[1:]))
-    z, y, x = (slice((len(begin) - 1) % n // 2, None, n) for begin, n in zip(windows.starts, apart, strict=True))
-    starts = windows.starts[0][z], windows.starts[1][y], windows.starts[2][x]
-    steps = tuple(step * n for step, n in zip(windows.step, apart, strict=True))
-    sample = WindowGrid(windows.size, steps, starts)  # type: ignore[arg-type]
+    (z, y, x), sample = _sampled(windows), sample_of(windows)
+    starts = sample.starts
     beyond = pairs.correlated(sample, _moved(predictor, OFFSET), settings, settings.residual_search)
     gap = (beyond.displacement[2] - last.displacement[2, z, y, x]) / OFFSET
     left = np.where(beyond.found & last.found[z, y, x], gap, np.nan).reshape(len(starts[0]), -1)
@@ -42,6 +39,21 @@ def depth_response(
         return np.ones(windows.shape[0])
     found = 1 - np.nanmedian(left[measured], 1)
     return np.clip(np.interp(windows.starts[0], starts[0][measured], found), LEAST, 1.0)
+
+
+def sample_of(windows: WindowGrid) -> WindowGrid:
+    """The windows in which r is measured."""
+    some = _sampled(windows)
+    starts = tuple(begin[each] for begin, each in zip(windows.starts, some, strict=True))
+    steps = tuple(step * each.step for step, each in zip(windows.step, some, strict=True))
+    return WindowGrid(windows.size, steps, starts)  # type: ignore[arg-type]
+
+
+def _sampled(windows: WindowGrid) -> tuple[slice, slice, slice]:
+    """Which of them, along z, y, x."""
+    apart = (max(1, windows.size[0] // windows.step[0]), *(max(1, -(-count // ACROSS)) for count in windows.shape[1:]))
+    z, y, x = (slice((count - 1) % n // 2, None, n) for count, n in zip(windows.shape, apart, strict=True))
+    return z, y, x
 
 
 def _moved(predictor: SplineField, by: float) -> SplineField:

@@ -165,7 +165,8 @@ class WindowPass:
         size, predictor = self.windows.size, self.predictor
         sources: tuple[Volume | DeformedPlanes, ...] = (a, b)
         if predictor is not None:
-            sources = DeformedPlanes(a, predictor, -0.5), DeformedPlanes(b, predictor, 0.5)
+            rows = self.windows.rows(a.grid.shape[1])
+            sources = DeformedPlanes(a, predictor, -0.5, rows), DeformedPlanes(b, predictor, 0.5, rows)
 
         with ThreadPoolExecutor(numba.get_num_threads()) as pool, ThreadPoolExecutor(1) as ahead:
             planes = zip(*(_planes(source, self.windows, layers, ahead) for source in sources), strict=True)

@@ -30,6 +30,12 @@ class WindowGrid:
         """Window centres along z, y, x as voxel indices; half-integers for even windows."""
         return tuple(s + 0.5 * (n - 1) for s, n in zip(self.starts, self.size, strict=True))  # type: ignore[return-value]
 
+    def rows(self, count: int) -> NDArray[np.bool_]:
+        """In which of ``count`` rows of voxels a window lies (count,)."""
+        out = np.zeros(count, bool)
+        out[self.starts[1][:, None] + np.arange(self.size[1])] = True
+        return out
+
 
 class WindowBatch(NamedTuple):
     """A batch of windows as they lie in memory: ``values`` float32 (flat), the place in it where each begins (batch,),

@@ -117,11 +117,14 @@ class PinholeLights:
     def places(self, excess: Array, limits_mm: Limits, poor: float = 0.0) -> tuple[Array, Array]:
         """Places (n, 3) in mm within ``limits_mm`` where lines of sight to bright spots of all cameras cross, and
         their scores (n,), best first. ``excess`` (pixels,): as of ``LightOfPoints``; ``poor`` is not used."""
-        images = [
-            excess[lo:hi].reshape(camera.sensor.rows, camera.sensor.columns)
+        return crossings(self.cameras, self.images(excess), self.image_px, limits_mm, LEAST)
+
+    def images(self, values: Array) -> list[Array]:
+        """Numbers of all pixels (pixels,) as an image (rows, columns) of each camera."""
+        return [
+            values[lo:hi].reshape(camera.sensor.rows, camera.sensor.columns)
             for lo, hi, camera in zip(self.first, self.first[1:], self.cameras, strict=False)
         ]
-        return crossings(self.cameras, images, self.image_px, limits_mm, LEAST)
 
     def balanced(self, pixels: Pixels, position_mm: ArrayLike, light: Array) -> PinholeLights:
         """The same with the cameras' ``brightness`` as ``pixels`` show it, if particles at ``position_mm`` (n, 3) had

@@ -2,8 +2,8 @@
 
 Each camera's residual, in standard deviations of its pixels, is summed over a particle's image, so that noise has 1:
 bright spots are its local maxima above LEAST. The line of sight of each spot of the first camera is followed through
-the volume in steps of a pixel of the camera where it moves most; where every other camera has a spot within NEAR pixels
-of its image, a particle may be. Its place is where all lines of sight come nearest to each other (least squares in the
+the volume in steps of a pixel of the camera where it moves most; where every other camera has a spot near its image, a
+particle may be. Its place is where all lines of sight come nearest to each other (least squares in the
 pixels); it counts where these differ by at most APART pixels. Of places that share a spot the best alone is returned:
 the rest is looked for again once these are fitted (iterative particle reconstruction: Wieneke 2013, Meas. Sci. Technol.
 24 024008).
@@ -23,7 +23,7 @@ from plenopiv.volume import Limits
 
 MOST = 8.0  # standard deviations that one pixel counts at most
 LEAST = 4.0  # standard deviations of a spot, in each camera
-NEAR = 1.6  # px, along a line of sight whose steps and spots are rounded
+ROUNDED = 0.9  # px, as much more along a line of sight, whose steps and spots are rounded
 APART = 0.7  # px, of a spot from the image of its place, root mean square
 HIDDEN_FROM = 4  # cameras from which on one need not show a particle: its image may lie in another one's
 FEW = 0.01  # spots for each pixel of a camera above which lines of sight of all but one cross by chance everywhere
@@ -43,23 +43,24 @@ def crossings(
     number of cameras, best first. ``excess``: of each camera, (rows, columns), NaN where a pixel cannot be used;
     ``image_px``: standard deviation of a particle's image in each."""
     spots = [bright_spots(one, spread, least) for one, spread in zip(excess, image_px, strict=True)]
-    found = [_of_spots(cameras, spots, limits_mm)]
+    found = [of_spots(cameras, spots, limits_mm)]
     if len(cameras) >= HIDDEN_FROM:
         used = [np.unique(found[0][2][:, k]) for k in range(len(cameras))]
         left = [(np.delete(at, own, 0), np.delete(score, own)) for (at, score), own in zip(spots, used, strict=True)]
         if max(len(at) / one.size for (at, _), one in zip(left, excess, strict=True)) < FEW:
             for hidden in range(len(cameras)):
                 seeing = [k for k in range(len(cameras)) if k != hidden]
-                found.append(_of_spots([cameras[k] for k in seeing], [left[k] for k in seeing], limits_mm))
+                found.append(of_spots([cameras[k] for k in seeing], [left[k] for k in seeing], limits_mm))
     place, score = (np.concatenate([one[k] for one in found]) for k in (0, 1))
     order = np.argsort(-score, kind="stable")
     return place[order], score[order]
 
 
-def _of_spots(
-    cameras: Sequence[PinholeCamera], spots: Sequence[tuple[Array, Array]], limits_mm: Limits
+def of_spots(
+    cameras: Sequence[PinholeCamera], spots: Sequence[tuple[Array, Array]], limits_mm: Limits, apart: float = APART
 ) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Places (n, 3) where all cameras have one of the ``spots``, scores (n,), and which spots (n, cameras) they are."""
+    """Places (n, 3) where all cameras have one of the ``spots``, ``apart`` pixels from their images at the most, root
+    mean square; scores (n,), and which spots (n, cameras) they are."""
     count = len(cameras)
     nothing = np.empty((0, 3)), np.empty(0), np.empty((0, count), np.int64)
     if any(len(at) == 0 for at, _ in spots):
@@ -70,7 +71,9 @@ def _of_spots(
         matched[:, 0] = own
         for k in range(1, count):
             which = np.flatnonzero(held)
-            off, matched[which, k] = trees[k].query(cameras[k].project(points[which]), distance_upper_bound=NEAR)
+            off, matched[which, k] = trees[k].query(
+                cameras[k].project(points[which]), distance_upper_bound=apart + ROUNDED
+            )
             held[which] = np.isfinite(off)
         found.append((matched[held], points[held]))
     if not found:
@@ -82,7 +85,7 @@ def _of_spots(
     seen = [at[matched[:, k]] for k, (at, _) in enumerate(spots)]
     place, off = triangulated(cameras, seen, points[first])
     low, high = np.array(limits_mm).T
-    good = (off <= APART) & ((place >= low) & (place <= high)).all(1)
+    good = (off <= apart) & ((place >= low) & (place <= high)).all(1)
     place, matched = place[good], matched[good]
     score = np.sum([of_spot[matched[:, k]] for k, (_, of_spot) in enumerate(spots)], 0) / np.sqrt(count)
     taken, used = [], [np.zeros(len(at), bool) for at, _ in spots]
