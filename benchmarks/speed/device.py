@@ -1,27 +1,32 @@
-"""Each stage on a device, measured beside what its bandwidth allows:  device.py [gpu | jax-cpu] [frames]
+"""Each stage on a device, measured beside what its bandwidth allows:  device.py [gpu | jax-cpu] [frames] [more]
 
-On a graphics processor where there is one, else the same code on this processor. Three sizes of volumes; the shares of
-bandwidth and rate that stages reach are fitted to the middle one and predict the others. Writes device-gpu.json or
-device-jax-cpu.json beside this file, and prints a table. With ``frames`` the reconstruction alone is measured anew, and
-the file's rates and pairs stay.
+On a graphics processor where there is one, else the same code on this processor. Volumes are of three or four sizes;
+the shares of bandwidth and rate that stages reach are fitted to the second and predict the others. Writes
+device-gpu.json or device-jax-cpu.json beside this file, and prints a table. With ``frames`` the reconstruction alone is
+measured anew, and the file's rates and pairs stay; with ``more`` rounds are added to those that the file has: of each
+stage whose work is the same the best of all is kept, as a machine that others use is slow for minutes.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from device_frames import SIZES, frame
+from device_frames import ROUNDS, SIZES, frames
 from scipy.ndimage import gaussian_filter
 
-from plenopiv.device import work
+from plenopiv.device import correlation, work
 from plenopiv.device.backend import device_of
+from plenopiv.device.correlation_deformation import Deformed
+from plenopiv.device.correlation_memory import room
+from plenopiv.device.correlation_windows import How
 from plenopiv.device.rates import Rates, bare, best
+from plenopiv.displacement.depth_response import sample_of
 from plenopiv.displacement.predictor import SplineField, fit_spline
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.window_pass import WindowPass
@@ -31,9 +36,9 @@ from plenopiv.volume import DenseVolume, VoxelGrid
 
 HERE = Path(__file__).parent
 SETTINGS = CorrelationSettings(((40, 40, 20), (32, 32, 16)), inner_window=(32, 32, 16))
-FITTED = 1  # the middle one
+FITTED = 1  # the second size
 SHAPES = {
-    "jax-cpu": ((56, 144, 160), (72, 192, 224), (88, 256, 288)),  # planes, rows, columns
+    "jax-cpu": ((56, 144, 160), (72, 192, 224), (88, 256, 288), (104, 320, 352)),  # planes, rows, columns
     "gpu": ((96, 384, 384), (160, 640, 640), (240, 1200, 1600)),
 }
 
@@ -44,15 +49,20 @@ def main() -> None:
         device = device_of("jax-cpu")
     with device.in_use():
         print(device.text)
-        kept = json.loads((HERE / f"device-{device.kind}.json").read_text()) if "frames" in sys.argv[2:] else None
+        frames_alone, more = ("frames" in sys.argv[2:]), ("more" in sys.argv[2:])
+        file = HERE / f"device-{device.kind}.json"
+        kept = json.loads(file.read_text()) if frames_alone or more else None
         rates = bare(device) if kept is None else Rates(**kept["rates"])
-        found = [size(shape) for shape in SHAPES[device.kind]] if kept is None else kept["pairs"]
-        frames = [frame(shape) for shape in SIZES[device.kind]]
+        found = kept["pairs"] if kept is not None and frames_alone else pairs(SHAPES[device.kind])
+        whole = frames(SIZES[device.kind])
+    if kept is not None and more:
+        best_of_both(found, kept["pairs"])
+        best_of_both(whole, kept["frames"])
     shares = {}
-    for sizes in (found, frames):
+    for sizes in (found, whole):
         shares |= {name: share(rates, stage) for name, stage in sizes[FITTED]["stages"].items()}
     fitted = replace(rates, shares=shares)
-    for each in [*found, *frames]:
+    for each in [*found, *whole]:
         for name, stage in each["stages"].items():
             stage["predicted_s"] = fitted.of_stage(name, work_of(stage))
             stage["share_of_bandwidth"] = stage["moved"] / rates.bandwidth / stage["seconds"]
@@ -64,59 +74,92 @@ def main() -> None:
         "shares": shares,
         "settings": {"windows": SETTINGS.windows, "inner_window": SETTINGS.inner_window},
         "pairs": found,
-        "frames": frames,
+        "frames": whole,
     }
-    (HERE / f"device-{device.kind}.json").write_text(json.dumps(result, indent=1) + "\n")
+    file.write_text(json.dumps(result, indent=1) + "\n")
     tell(result)
 
 
-def size(shape: tuple[int, int, int]) -> dict[str, Any]:
-    """Measure each stage of the correlation of two volumes of ``shape``."""
-    from plenopiv.device import correlation
-    from plenopiv.device.correlation_memory import room
+def best_of_both(found: list[dict[str, Any]], before: list[dict[str, Any]]) -> None:
+    """Keep the seconds of a size or a stage from ``before`` where they are less, if it does the same work."""
+    for now, then in zip(found, before, strict=True):
+        alike = {name for name, stage in now["stages"].items() if work_of(stage) == work_of(then["stages"][name])}
+        for name in alike:
+            stage = now["stages"][name]
+            stage["seconds"] = min(stage["seconds"], then["stages"][name]["seconds"])
+        if "whole_s" in now and len(alike) == len(now["stages"]):
+            now["whole_s"] = min(now["whole_s"], then["whole_s"])
 
-    predictor = flow(window_grid(shape, *SETTINGS.passes[0]), shape)
-    a, b = particles(shape, predictor)
-    plan = room(shape, SETTINGS, None)
-    stages = dict(work.correlation(shape, SETTINGS, plan.voxels))
-    pair = correlation.DevicePair(a, b, None, plan)
-    seconds = dict.fromkeys(stages, 0.0)
-    for number, each in enumerate(SETTINGS.passes, 1):
-        grid, last = window_grid(shape, *each), number == len(SETTINGS.passes)
-        batches = WindowPass(grid, predictor if number > 1 else None, SETTINGS, 0.25, shape)
-        planes_s, windows_s = parts(pair, batches, scatter=last)
-        seconds["deformation"] += planes_s
-        seconds["last windows" if last else "windows"] += windows_s
-        if number == 1:
-            first = predictor.at(*grid.centres)
-            seconds["offset"] = best(lambda grid=grid, first=first: pair.offset(grid, first))
-    whole = best(lambda: correlation.measure(a, b, SETTINGS), times=2)
-    described = {name: {"seconds": seconds[name], **vars(stage)} for name, stage in stages.items()}
-    return {"shape": list(shape), "voxels": plan.voxels, "whole_s": whole, "stages": described}
+
+def pairs(shapes: Sequence[tuple[int, int, int]]) -> list[dict[str, Any]]:
+    """Measure each stage of the correlation of volumes of ``shapes``, the best of all rounds."""
+    prepared = [Pair(shape) for shape in shapes]
+    for _ in range(ROUNDS):
+        for each in prepared:
+            each.measure()
+    return [each.described() for each in prepared]
+
+
+class Pair:
+    """Two volumes of ``shape``, and the stages of their correlation, ready to be measured."""
+
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        self.shape = shape
+        self.predictor = flow(window_grid(shape, *SETTINGS.passes[0]), shape)
+        self.volumes = particles(shape, self.predictor)
+        self.plan = room(shape, SETTINGS, None)
+        self.stages = dict(work.correlation(shape, SETTINGS, self.plan.voxels))
+        self.seconds = dict.fromkeys(self.stages, float("inf"))
+        self.whole_s = float("inf")
+
+    def measure(self) -> None:
+        """Each stage of all passes once more, and the whole."""
+        pair = correlation.DevicePair(*self.volumes, None, self.plan)
+        seconds = dict.fromkeys(self.stages, 0.0)
+        grids = [window_grid(self.shape, *each) for each in SETTINGS.passes]
+        for number, grid in enumerate([*grids, sample_of(grids[-1])], 1):
+            last = number == len(grids)
+            batches = WindowPass(grid, self.predictor if number > 1 else None, SETTINGS, 0.25, self.shape)
+            planes_s, windows_s = parts(pair, batches, scatter=last)
+            seconds["deformation"] += planes_s
+            seconds["last windows" if last else "windows"] += windows_s
+            if number == 1:
+                first = self.predictor.at(*grid.centres)
+                seconds["offset"] = best(lambda grid=grid, first=first: pair.offset(grid, first), times=2)
+        for name, once in seconds.items():
+            self.seconds[name] = min(self.seconds[name], once)
+        self.whole_s = min(self.whole_s, best(lambda: correlation.measure(*self.volumes, SETTINGS), times=1))
+
+    def described(self) -> dict[str, Any]:
+        """The best seconds, each stage's beside its work."""
+        stages = {name: {"seconds": self.seconds[name], **vars(stage)} for name, stage in self.stages.items()}
+        return {"shape": list(self.shape), "voxels": self.plan.voxels, "whole_s": self.whole_s, "stages": stages}
 
 
 def parts(pair: Any, batches: WindowPass, scatter: bool) -> tuple[float, float]:
-    """Seconds of a pass for its planes, and for its windows."""
+    """Seconds of a pass for its planes, and for its windows: what both take less what planes alone do, so that windows
+    find each layer's planes where a pass leaves them, not in a cache."""
     import jax
 
-    from plenopiv.device.correlation_deformation import Deformed
-    from plenopiv.device.correlation_windows import How
-
     grid, how = batches.windows, How.of(batches, scatter)
-
-    def planes() -> Any:
-        about = batches.predictor, grid.size[0], grid.step[0]
-        both = [Deformed(each, about[0], s, *about[1:]) for each, s in zip(pair.both, (-0.5, 0.5), strict=True)]
-        return [each.layer(start) for start in grid.starts[0].tolist() for each in both][-2:]
-
-    held = planes()
     filters = tuple(jax.numpy.asarray(each) for each in batches.correlator.filters)
     powers = jax.numpy.asarray(batches.correlator.powers, jax.numpy.float32)
 
-    def windows() -> Any:
-        return [pair.layer(batches, layer, held, filters, powers, how) for layer in range(batches.layers)]
+    def layers() -> Any:
+        about = batches.predictor, grid.size[0], grid.step[0]
+        a, b = (Deformed(each, about[0], s, *about[1:]) for each, s in zip(pair.both, (-0.5, 0.5), strict=True))
+        return ((a.layer(start), b.layer(start)) for start in grid.starts[0].tolist())
 
-    return best(planes), best(windows)
+    def planes() -> Any:
+        for held in layers():  # noqa: B007  the next layer takes the memory of the one before
+            pass
+        return held
+
+    def windows() -> Any:
+        return [pair.layer(batches, layer, held, filters, powers, how) for layer, held in enumerate(layers())]
+
+    planes_s = best(planes, times=2)
+    return planes_s, max(best(windows, times=2) - planes_s, 0.1 * planes_s)
 
 
 def particles(shape: tuple[int, int, int], moved: SplineField) -> tuple[DenseVolume, DenseVolume]:

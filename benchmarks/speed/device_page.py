@@ -51,11 +51,11 @@ def predicted(found: dict[str, Any]) -> str:
 
 
 def processor(found: dict[str, Any]) -> str:
-    return "**Measured**, the same code on this processor; shares fitted to the middle size:\n\n" + stages(found)
+    return "**Measured**, the same code on this processor; shares fitted to the second size:\n\n" + stages(found)
 
 
 def measured(found: dict[str, Any]) -> str:
-    return f"**Measured**, {found['device']}; shares fitted to the middle size:\n\n" + stages(found)
+    return f"**Measured**, {found['device']}; shares fitted to the second size:\n\n" + stages(found)
 
 
 def stages(found: dict[str, Any]) -> str:

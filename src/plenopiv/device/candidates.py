@@ -116,19 +116,24 @@ def candidate_voxels(
     ny, nx = projector.grid.shape[1:]
     longest = min(LONGEST, 1 << (ny * nx - 1).bit_length())
     alive = jnp.zeros(projector.grid.shape, bool)
+    together = np.minimum(np.arange(-(-len(found.order) // VIEWS) * VIEWS), len(found.order) - 1)
+    groups = jax.device_put(list(found.order[together].reshape(-1, VIEWS)))
+    about = found.camera, lenses, bound, jnp.float32(particle)
     for window, planes in found.planes:
         how = block, window, bool(cam.hexagonal), bool(cam.swapped), nx
-        about = found.camera, lenses, bound, np.float32(particle)
         for judged in map(Judged._make, zip(*planes, strict=True)):
-            voxels, count = _seen(judged.rows, judged.columns, longest)
-            for first in range(0, len(found.order), VIEWS):
-                views = found.order[np.minimum(np.arange(first, first + VIEWS), len(found.order) - 1)]
-                stays, run = jnp.zeros(voxels.shape, bool), run_length(int(count), longest)
-                for start in range(0, int(count), run):
-                    stays = _judge(How(*how, run), *about, judged, views, voxels, np.int32(start), stays)
-                voxels, count = _kept(voxels, stays, ny * nx)
-                if int(count) == 0:
+            judged = jax.device_put(judged)
+            voxels, on_device, stays = _seen(judged.rows, judged.columns, longest)
+            for views in groups:
+                count = int(on_device)
+                if count == 0:
                     break
+                run, room = run_length(count, longest), room_for(count, longest, voxels.size)
+                if room < voxels.size:  # what is listed anew is as long as the list
+                    voxels, stays = _shortened(voxels, stays, room)
+                for start in range(0, count, run):
+                    stays = _judge(How(*how, run), *about, judged, views, voxels, np.int32(start), stays)
+                voxels, on_device, stays = _kept(voxels, stays, ny * nx)
             alive = _with_plane(alive, judged.number, voxels)
     light = projector.camera.column("light")
     for plane, *touched in found.touched:
@@ -142,6 +147,13 @@ def run_length(count: int, longest: int) -> int:
     """The longest run, of some of which each has a program, in which so many voxels are judged without many others."""
     runs = [longest >> shift for shift in (0, 2, 4, 6) if longest >> shift >= SHORTEST] or [longest]
     return next((run for run in runs if -(-count // run) * run <= FILLED_UP * count), runs[-1])
+
+
+def room_for(count: int, longest: int, room: int) -> int:
+    """The shortest list, of a few lengths each of which has programs, that holds so many voxels in whole runs; no
+    longer than ``room``, which does."""
+    rooms = [longest >> shift for shift in (0, 2, 4, 6) if count <= longest >> shift >= SHORTEST]
+    return min([room, *rooms])
 
 
 def visible_voxels(camera: CameraOnGrid) -> jax.Array:
@@ -252,20 +264,27 @@ def _judge(
 
 
 @partial(jax.jit, static_argnums=2)
-def _seen(rows: jax.Array, columns: jax.Array, run: int) -> tuple[jax.Array, jax.Array]:
+def _seen(rows: jax.Array, columns: jax.Array, run: int) -> tuple[jax.Array, jax.Array, jax.Array]:
     """The numbers of a plane's voxels in ``rows`` and ``columns`` that are seen, in a list that has room for all of
-    them and for whole runs; and how many there are."""
+    them and for whole runs; how many there are; and of none that it stays."""
     seen = (rows[:, None] & columns[None]).reshape(-1)
     room = -(-seen.size // run) * run
-    return jnp.nonzero(seen, size=room, fill_value=seen.size)[0].astype(jnp.int32), jnp.sum(seen)
+    voxels = jnp.nonzero(seen, size=room, fill_value=seen.size)[0].astype(jnp.int32)
+    return voxels, jnp.sum(seen), jnp.zeros(room, bool)
+
+
+@partial(jax.jit, static_argnums=2, donate_argnums=(0, 1))
+def _kept(voxels: jax.Array, stays: jax.Array, none: int) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The listed voxels that stay, at the front, then ``none``; how many there are; and of none that it stays."""
+    keep = stays & (voxels < none)
+    at = jnp.nonzero(keep, size=voxels.size, fill_value=voxels.size)[0]
+    return voxels.at[at].get(mode="fill", fill_value=none), jnp.sum(keep), jnp.zeros_like(stays)
 
 
 @partial(jax.jit, static_argnums=2)
-def _kept(voxels: jax.Array, stays: jax.Array, none: int) -> tuple[jax.Array, jax.Array]:
-    """The listed voxels that stay, at the front, then ``none``; and how many there are."""
-    keep = stays & (voxels < none)
-    at = jnp.nonzero(keep, size=voxels.size, fill_value=voxels.size)[0]
-    return voxels.at[at].get(mode="fill", fill_value=none), jnp.sum(keep)
+def _shortened(voxels: jax.Array, stays: jax.Array, room: int) -> tuple[jax.Array, jax.Array]:
+    """The first ``room`` of a list."""
+    return voxels[:room], stays[:room]
 
 
 @partial(jax.jit, donate_argnums=0)

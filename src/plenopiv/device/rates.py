@@ -21,13 +21,13 @@ from plenopiv.device.work import Work
 USUAL = 0.5  # share of bandwidth and rate
 ASSUMED = {"deformation": 0.25, "offset": 0.25, "images": 0.5, "back": 0.5, "candidates": 0.25}
 FITTED = {  # the caches of this processor hold a batch, and a map
-    "deformation": 0.43,
-    "windows": 2.1,
-    "last windows": 2.4,
-    "offset": 1.5,
-    "images": 1.2,
-    "back": 0.77,
-    "candidates": 0.15,
+    "deformation": 0.34,
+    "windows": 1.8,
+    "last windows": 1.6,
+    "offset": 2.8,
+    "images": 1.1,
+    "back": 0.47,
+    "candidates": 0.45,
 }
 
 

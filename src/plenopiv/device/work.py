@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import log2, prod
 
+from plenopiv.displacement.depth_response import sample_of
 from plenopiv.displacement.offset_kernels import MOVES
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.transforms import fast_length
@@ -56,6 +57,10 @@ def correlation(shape: Shape, settings: CorrelationSettings, voxels: int) -> Map
         stages["last windows" if last else "windows"] += windows(grid.size, count, layers, voxels, last)
         if number == 1:
             stages["offset"] += offset(grid.size, count, layers)
+        if last and number > 1:
+            sample = sample_of(grid)
+            stages["deformation"] += deformation(shape, sample.size[0], sample.step[0], sample.shape[0])
+            stages["windows"] += windows(sample.size, prod(sample.shape), sample.shape[0], voxels, scatter=False)
     return stages
 
 

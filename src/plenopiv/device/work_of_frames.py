@@ -8,9 +8,10 @@ products a point takes, those of voxels how many microlenses they ask.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import prod, sqrt
+from math import prod
 
 from plenopiv.device.asking import row_by_row
+from plenopiv.device.candidates import LONGEST, VIEWS, run_length
 from plenopiv.device.plane_tables import Bucket
 from plenopiv.device.planes import map_units
 from plenopiv.device.voxel_tables import Asking
@@ -25,8 +26,8 @@ OF_VIEW = 7.0  # floats of a listed voxel and a view: its place, its sum; microl
 CHANGED = 20.0  # floats of a listed voxel and a correction: its number and place, itself, which lies alone in memory
 STARTED = 0.1  # of a program's start: that of one of its steps
 JUDGED = 90.0  # operations of a voxel and a pixel that may rule it out: its place, an area
-SWEPT = 3.0  # floats of a voxel and a judging view
-LEFT = 0.7  # over the root of the pixels that a voxel may light: share of voxels that an average view has left to judge
+SWEPT = 6.0  # floats of a voxel that is judged by a group of views, to list what is left
+LEFT = 0.065  # share of voxels that the first views that judge leave to the others, on an average
 
 
 def reconstruction(
@@ -55,9 +56,20 @@ def reconstruction(
         changed = Work(FLOAT * CHANGED * listed * area, calls=STARTED * 6)
         back += (changed.times(times) + (asked + placed).times(used)).times(each.planes)
     candidates = Work()
+    groups_judging = -(-judging // VIEWS)
+    voxels = judged_voxels(int(area), groups_judging)
     for planes, lenses in judged:
-        candidates += Work(FLOAT * SWEPT * area, JUDGED * lenses * area).times(LEFT / sqrt(lenses) * planes * judging)
+        one = Work(FLOAT * SWEPT * voxels / VIEWS, JUDGED * lenses * voxels, 3.0 * groups_judging)
+        candidates += one.times(planes)
     return {"images": images + Work(calls=times), "back": back, "candidates": candidates}
+
+
+def judged_voxels(area: int, groups: int) -> float:
+    """How often a view judges a voxel of a plane of ``area`` voxels; ``groups`` of VIEWS views judge one after the
+    other: the first all, each other what is left, a whole run of voxels at the least."""
+    longest = min(LONGEST, 1 << (area - 1).bit_length())
+    run = run_length(int(LEFT * area), longest)
+    return VIEWS * (area + (groups - 1) * max(run, LEFT * area + run / 2))
 
 
 def map_work(bucket: Bucket, plane: tuple[int, int]) -> Work:
