@@ -45,7 +45,7 @@ CASES = {
     "0.25 ppm": {"ppm": 0.25},
     "0.5 ppm": {"ppm": 0.5},
     "2 ppm": {"ppm": 2.0, "columns": 360},
-    "4 ppm": {"ppm": 4.0, "columns": 300},
+    "4 ppm": {"ppm": 4.0, "columns": 330},
     "20 mm deep": {"depth_mm": 20.0, "columns": 560},
 }
 
