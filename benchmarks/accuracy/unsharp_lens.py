@@ -4,8 +4,8 @@
 
 The camera of small_recording.py with 1400 x 1120 px, 8 mm deep, 1 particle per microlens, rotation about y with a
 drift. Each recording is measured with main_lens.blur_mm = 0 ("sharp"), "auto", and "auto" with
-reconstruction.motion_tracking = 1 ("both frames"). Results: the blur found, um, RMS and
-bias along x, y, z in voxels, and the shares within one and two stated standard deviations.
+reconstruction.motion_tracking = 1 ("both frames"). Results: the blur found, um, RMS and bias along x, y, z in voxels,
+and the shares within one and two stated standard deviations.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def simulate(blur_um, folder, seed):
 
 
 def measure(folder, blur_mm, motion_tracking, iterations):
-    """Run a recording with ``blur_mm`` of the main lens, and score it."""
+    """Run a recording with ``blur_mm`` of the main lens and so much ``motion_tracking``, and score it."""
     tables = tomllib.loads((folder / "experiment.toml").read_text())
     tables["camera"]["main_lens"]["blur_mm"] = blur_mm
     tables["reconstruction"] |= {"iterations": iterations, "motion_tracking": motion_tracking}

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from device_frames import ROUNDS, SIZES, frames
+from device_frames import SIZES, Frame, in_rounds
 from scipy.ndimage import gaussian_filter
 
 from plenopiv.device import correlation, work
@@ -53,14 +53,18 @@ def main() -> None:
         file = HERE / f"device-{device.kind}.json"
         kept = json.loads(file.read_text()) if frames_alone or more else None
         rates = bare(device) if kept is None else Rates(**kept["rates"])
-        found = kept["pairs"] if kept is not None and frames_alone else pairs(SHAPES[device.kind])
-        whole = frames(SIZES[device.kind])
+        found = (
+            kept["pairs"]
+            if kept is not None and frames_alone
+            else in_rounds([Pair(shape) for shape in SHAPES[device.kind]])
+        )
+        whole = in_rounds([Frame(size) for size in SIZES[device.kind]])
     if kept is not None and more:
         best_of_both(found, kept["pairs"])
         best_of_both(whole, kept["frames"])
     shares = {}
-    for sizes in (found, whole):
-        shares |= {name: share(rates, stage) for name, stage in sizes[FITTED]["stages"].items()}
+    for measured in (found, whole):
+        shares |= {name: share(rates, stage) for name, stage in measured[FITTED]["stages"].items()}
     fitted = replace(rates, shares=shares)
     for each in [*found, *whole]:
         for name, stage in each["stages"].items():
@@ -89,15 +93,6 @@ def best_of_both(found: list[dict[str, Any]], before: list[dict[str, Any]]) -> N
             stage["seconds"] = min(stage["seconds"], then["stages"][name]["seconds"])
         if "whole_s" in now and len(alike) == len(now["stages"]):
             now["whole_s"] = min(now["whole_s"], then["whole_s"])
-
-
-def pairs(shapes: Sequence[tuple[int, int, int]]) -> list[dict[str, Any]]:
-    """Measure each stage of the correlation of volumes of ``shapes``, the best of all rounds."""
-    prepared = [Pair(shape) for shape in shapes]
-    for _ in range(ROUNDS):
-        for each in prepared:
-            each.measure()
-    return [each.described() for each in prepared]
 
 
 class Pair:

@@ -7,7 +7,7 @@ back, of as many listed voxels as are counted, and all of dense ray tracing.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import jax.numpy as jnp
 import numpy as np
@@ -32,9 +32,18 @@ SETTINGS = ReconstructionSettings()
 ROUNDS = 2  # over all sizes, so that a machine that slows for a while slows all of them
 
 
-def frames(sizes: Sequence[tuple[int, int, int]]) -> list[dict[str, Any]]:
-    """Measure each stage of a frame of volumes of ``sizes``, the best of all rounds."""
-    prepared = [Frame(size) for size in sizes]
+class Stages(Protocol):
+    """What is measured of one size."""
+
+    def measure(self) -> None:
+        """Once more."""
+
+    def described(self) -> dict[str, Any]:
+        """The best of all."""
+
+
+def in_rounds(prepared: Sequence[Stages]) -> list[dict[str, Any]]:
+    """Measure all sizes, the best of all rounds."""
     for _ in range(ROUNDS):
         for each in prepared:
             each.measure()

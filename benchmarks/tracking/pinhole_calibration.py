@@ -17,7 +17,7 @@ from pinholes import BLACK, CAMERAS, LIMITS, recorded_frame
 from recorded import run_cases, write_table
 
 from plenopiv.simulation.sensor_noise import SensorNoise
-from plenopiv.tracking.camera_changes import NUMBERS, changed, pixels_by_number, self_calibrated
+from plenopiv.tracking.camera_changes import NUMBERS, apart_px, changed, pixels_by_number, self_calibrated
 from plenopiv.tracking.pinhole_light import PinholeLights, measured_image_px
 from plenopiv.tracking.pixels import Pixels
 
@@ -54,23 +54,14 @@ def measure(off_px: float, ppp: float) -> dict:
     found = self_calibrated(of_points, *pixels, LIMITS)
     taken = time.process_time() - begun
     return {
-        "before_px": left_px(wrong, at),
-        "after_px": left_px(found.cameras, at),
+        "before_px": apart_px(CAMERAS, wrong, at),
+        "after_px": apart_px(CAMERAS, found.cameras, at),
         "corrected": found.corrected,
         "std_px": found.std_px,
         "apart_px": found.apart_px,
         "chi2": found.chi2,
         "cpu_s": taken,
     }
-
-
-def left_px(cameras, at) -> float:
-    """What is wrong of ``cameras`` that points elsewhere do not make, px RMS over points and cameras."""
-    pairs = list(zip(cameras, CAMERAS, strict=True))
-    off = np.concatenate([one.project(at) - true.project(at) for one, true in pairs], 1)[:, :, None]
-    basis = np.linalg.qr(np.concatenate([true.pixels_by_mm(at) for _, true in pairs], 1))[0]
-    rest = off - basis @ (np.swapaxes(basis, 1, 2) @ off)
-    return float(np.sqrt((rest**2).sum((1, 2)).mean() / len(pairs)))
 
 
 def page(record: dict) -> None:

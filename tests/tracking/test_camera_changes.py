@@ -207,3 +207,8 @@ def test_too_few_particles_are_told():
     of_points = PinholeLights(CAMERAS, DIAMETER_PX / 4)
     with pytest.raises(PlenoPIVError, match=f"particles are seen by all cameras, give {FEWEST}"):
         self_calibrated(of_points, pixels(few, 3), pixels(few, 4), LIMITS)
+
+
+def test_without_a_particle_cameras_are_left_as_they_are():
+    of_points, dark = PinholeLights(CAMERAS, DIAMETER_PX / 4), pixels(points(20) + 50.0, 3)
+    assert roughly(of_points, dark, LIMITS) is of_points

@@ -20,9 +20,8 @@ from plenopiv.run.track_frame import FrameTracker
 from plenopiv.tracking.light import WAVELENGTH_NM, diffraction_px, prior_std_mm
 from plenopiv.tracking.peaks import peaks
 from plenopiv.tracking.ray_shifts import RayShifts, together, visible_terms
-from plenopiv.tracking.with_calibration import STEPS, Seen, misfit, settle
+from plenopiv.tracking.with_calibration import HELPS, STEPS, Seen, misfit, settle
 
-HELPS = 0.003  # share by which chi^2 of the other frame must fall
 FEWEST = 200  # particles
 
 Progress = Callable[[str, int, int], None]

@@ -27,7 +27,7 @@ from plenopiv.tracking.pinhole_light import PinholeLights
 from plenopiv.tracking.pinhole_search import LEAST, bright_spots, of_spots
 from plenopiv.tracking.pixels import Pixels
 from plenopiv.tracking.refine import Fit
-from plenopiv.tracking.with_calibration import Seen, misfit, settle
+from plenopiv.tracking.with_calibration import HELPS, Seen, misfit, settle
 from plenopiv.volume import Limits
 
 NUMBERS = 7  # of a camera: turned about and moved along its right, up and backward, and its focal length, a share
@@ -36,7 +36,6 @@ FELT = 1e-4  # share, by squares, of a shift that is more than rounding
 EXPECTED_PX = 2.0  # of each combination: an a-priori standard deviation
 SAMPLE = 400  # points by which changes are weighed
 FEWEST = 100  # particles
-HELPS = 0.003  # share by which chi^2 of the other frame must fall
 SEARCHES, LITTLE_PX = 4, 0.02  # of particles at most, and until cameras change by less
 ALIKE_PX, CERTAIN = 0.05, 5.0  # or so many standard deviations, by which the fits to two frames may differ
 ROUGH_PX, BY_CHANCE = 4.0, 0.15  # by which lines of sight may miss at first; spots as near to any place by chance
@@ -79,12 +78,12 @@ class CameraChanges:
     def slopes(self, of_points: LightOfPoints, fit: Fit, weight: Array) -> tuple[NDArray[np.int64], Array]:
         """As ``Calibration.slopes``: light that is shifted in an image by ds is that of a particle whose image is."""
         assert isinstance(of_points, PinholeLights)
-        lights, position = fit.lights, fit.position_mm
+        lights, position, points = fit.lights, fit.position_mm, fit.lights.point
         camera = np.searchsorted(of_points.first, lights.pixel, side="right") - 1
         by_number = np.zeros((weight.size, NUMBERS))
         for number, each in enumerate(of_points.cameras):
             own = camera == number
-            point = lights.point[own]
+            point = points[own]
             # the gradient by mm is that by pixel times the pixels by mm
             by_pixel = np.linalg.pinv(each.pixels_by_mm(position))[point]
             image = np.einsum("mi,mij->mj", lights.gradient[own], by_pixel) * fit.light[point][:, None]
@@ -126,8 +125,9 @@ def self_calibrated(of_points: PinholeLights, first: Pixels, second: Pixels, lim
     """
     found, other = (_fitted(of_points, pixels, limits_mm) for pixels in (first, second))
     chi2 = misfit(of_points, other.seen), misfit(found.of_points, other.seen)
-    at = found.seen.position_mm
-    moved, apart = _apart_px(of_points, found.of_points, at), _apart_px(other.of_points, found.of_points, at)
+    moved, apart = (
+        apart_px(each.cameras, found.of_points.cameras, found.seen.position_mm) for each in (of_points, other.of_points)
+    )
     helps = apart < max(ALIKE_PX, CERTAIN * found.std_px) and chi2[1] <= (1 - HELPS) * chi2[0]
     cameras = found.of_points.cameras if helps else of_points.cameras
     fitted = found.changes.count, found.changes.hidden
@@ -162,20 +162,21 @@ def roughly(of_points: PinholeLights, pixels: Pixels, limits_mm: Limits) -> Pinh
     another by ``ROUGH_PX``: spots so few that hardly any is near another's line by chance. Least squares that count
     what is far less (Cauchy)."""
     spots = []
-    for image, spread, camera in zip(
-        of_points.images(_excess(of_points, pixels)), of_points.image_px, of_points.cameras, strict=True
-    ):
+    excess = of_points.images(_above(of_points, pixels) / _dark(pixels))
+    for image, spread, camera in zip(excess, of_points.image_px, of_points.cameras, strict=True):
         at, score = bright_spots(image, spread, LEAST)
         few = int(BY_CHANCE * camera.sensor.columns * camera.sensor.rows / (np.pi * ROUGH_PX**2))
         brightest = np.argsort(-score, kind="stable")[:few]
         spots.append((at[brightest], score[brightest]))
     place, _, which = of_spots(of_points.cameras, spots, limits_mm, ROUGH_PX)
+    if len(place) == 0:
+        return of_points
     changes = visible_changes(of_points, place)
     if len(place) < changes.count:
         return of_points
     seen = np.concatenate([at[which[:, k]] for k, (at, _) in enumerate(spots)], 1)
     off = seen - np.concatenate([camera.project(place) for camera in of_points.cameras], 1)
-    slopes = _left_by_points(of_points.cameras, place)[1] @ changes.visible
+    slopes = left_by_points(of_points.cameras, place, _shifts(of_points.cameras, place)) @ changes.visible
     amounts = np.zeros(changes.count)
     for _ in range(ROUGH_STEPS):
         left = off - slopes @ amounts
@@ -185,18 +186,23 @@ def roughly(of_points: PinholeLights, pixels: Pixels, limits_mm: Limits) -> Pinh
     return changes.lights(amounts)
 
 
-def _excess(of_points: PinholeLights, pixels: Pixels) -> Array:
-    """Standard deviations by which pixels are brighter than most of their camera's."""
-    above = np.concatenate([image.ravel() - np.median(image) for image in of_points.images(pixels.counts)])
-    return np.where(pixels.usable, above / np.sqrt(pixels.variance(np.zeros(above.size))), np.nan)
+def _above(of_points: PinholeLights, pixels: Pixels) -> Array:
+    """Counts by which pixels are brighter than most of their camera's; NaN where they cannot be used."""
+    above = [image.ravel() - np.median(image) for image in of_points.images(pixels.counts)]
+    return np.where(pixels.usable, np.concatenate(above), np.nan)
+
+
+def _dark(pixels: Pixels) -> Array:
+    """Standard deviation of pixels without particles, counts."""
+    return np.sqrt(pixels.variance(np.zeros(pixels.counts.size)))
 
 
 def _seen(of_points: PinholeLights, pixels: Pixels, limits_mm: Limits) -> Seen:
     """The particles that cameras as they are now show."""
-    excess = _excess(of_points, pixels)
-    place, _ = of_points.places(excess, limits_mm)
-    bright = np.nansum(excess * np.sqrt(pixels.variance(np.zeros(excess.size)))) / len(of_points.cameras)
-    light = np.full(len(place), max(float(bright) / max(len(place), 1), 1.0))
+    above = _above(of_points, pixels)
+    place, _ = of_points.places(above / _dark(pixels), limits_mm)
+    each = float(np.nansum(above)) / len(of_points.cameras) / max(len(place), 1)
+    light = np.full(len(place), max(each, 1.0))
     found = particles_of_frame(of_points, pixels, place, light, limits_mm)
     if len(found.light) < FEWEST:
         raise PlenoPIVError(
@@ -206,28 +212,35 @@ def _seen(of_points: PinholeLights, pixels: Pixels, limits_mm: Limits) -> Seen:
     return Seen(with_noise(pixels, of_points(found.position_mm), found.light), found.position_mm, found.light)
 
 
-def _apart_px(one: PinholeLights, other: PinholeLights, points_mm: Array) -> float:
-    """By how much the images of points differ that may be elsewhere, px RMS."""
-    a, b = (np.concatenate([camera.project(points_mm) for camera in each.cameras], 1) for each in (one, other))
-    basis = np.linalg.qr(np.concatenate([camera.pixels_by_mm(points_mm) for camera in one.cameras], 1))[0]
-    off = (b - a)[:, :, None]
-    return float(np.sqrt(((off - basis @ (np.swapaxes(basis, 1, 2) @ off)) ** 2).sum((1, 2)).mean() / len(one.cameras)))
+def apart_px(cameras: Sequence[PinholeCamera], others: Sequence[PinholeCamera], points_mm: Array) -> float:
+    """By how much the images of points (n, 3) differ in two sets of cameras where points may be displaced as they like:
+    px, root mean square over points and cameras."""
+    a, b = (np.concatenate([camera.project(points_mm) for camera in each], 1) for each in (cameras, others))
+    left = left_by_points(cameras, points_mm, (b - a)[:, :, None])
+    return float(np.sqrt((left**2).sum((1, 2)).mean() / len(cameras)))
 
 
-def _left_by_points(cameras: Sequence[PinholeCamera], points_mm: Array) -> tuple[Array, Array]:
-    """Change (n, 2 cameras, NUMBERS cameras) of the images of points per unit of each number of each camera; and what
-    is left of it where points are displaced as they like."""
-    shift = np.zeros((len(points_mm), 2 * len(cameras), NUMBERS * len(cameras)))
-    for k, camera in enumerate(cameras):
-        shift[:, 2 * k : 2 * k + 2, NUMBERS * k : NUMBERS * (k + 1)] = pixels_by_number(camera, points_mm)
+def left_by_points(cameras: Sequence[PinholeCamera], points_mm: Array, shifts: Array) -> Array:
+    """What is left of ``shifts`` (n, 2 cameras, k) of the images of points (n, 3) where these are displaced as they
+    like."""
     basis = np.linalg.qr(np.concatenate([camera.pixels_by_mm(points_mm) for camera in cameras], 1))[0]
-    return shift, shift - basis @ (np.swapaxes(basis, 1, 2) @ shift)
+    return shifts - basis @ (np.swapaxes(basis, 1, 2) @ shifts)
+
+
+def _shifts(cameras: Sequence[PinholeCamera], points_mm: Array) -> Array:
+    """Change (n, 2 cameras, NUMBERS cameras) of the images of points per unit of each number of each camera."""
+    shifts = np.zeros((len(points_mm), 2 * len(cameras), NUMBERS * len(cameras)))
+    for k, camera in enumerate(cameras):
+        shifts[:, 2 * k : 2 * k + 2, NUMBERS * k : NUMBERS * (k + 1)] = pixels_by_number(camera, points_mm)
+    return shifts
 
 
 def visible_changes(of_points: PinholeLights, points_mm: Array) -> CameraChanges:
     """The changes of cameras that particles at ``points_mm`` (n, 3) can tell."""
-    both = _left_by_points(of_points.cameras, points_mm[:: max(1, len(points_mm) // SAMPLE)])
-    every, left = (np.einsum("pij,pik->jk", each, each) / (len(each) * len(of_points.cameras)) for each in both)
+    cameras, some = of_points.cameras, points_mm[:: max(1, len(points_mm) // SAMPLE)]
+    shifts = _shifts(cameras, some)
+    both = shifts, left_by_points(cameras, some, shifts)
+    every, left = (np.einsum("pij,pik->jk", each, each) / (len(some) * len(cameras)) for each in both)
     unit = 1.0 / np.sqrt(np.diag(every))  # of each number, that which shifts images by a pixel
     felt, axes = np.linalg.eigh(unit[:, None] * every * unit)
     kept = felt > FELT
@@ -250,11 +263,9 @@ def changed(camera: PinholeCamera, numbers: Array) -> PinholeCamera:
 def pixels_by_number(camera: PinholeCamera, points_mm: Array) -> Array:
     """Change (n, 2, NUMBERS) of the images of points per unit of each number of ``changed``, by differences."""
     distance = float(np.linalg.norm(camera.in_camera(points_mm), axis=1).mean())
-    angle = STEP_PX / camera.focal_length_px
     off_axis = float(np.abs(camera.project(points_mm) - camera.principal_point).max())
-    small = np.r_[
-        [angle] * 2, STEP_PX / off_axis, [angle * distance] * 2, [STEP_PX * distance / off_axis, STEP_PX / off_axis]
-    ]
+    angle, share = STEP_PX / camera.focal_length_px, STEP_PX / off_axis
+    small = np.array([angle, angle, share, angle * distance, angle * distance, share * distance, share])
     sides = ([changed(camera, sign * step).project(points_mm) for step in np.diag(small)] for sign in (1.0, -1.0))
     plus, minus = (np.stack(each, -1) for each in sides)
     return (plus - minus) / (2.0 * small)

@@ -29,6 +29,7 @@ TOLERANCE, PRODUCTS = 1e-3, 150  # of conjugate gradients
 STEPS = 5
 FIRST, THEN = 5, 3  # Gauss-Newton iterations of the particles alone before a step, the first one and those after it
 STILL = 0.1  # of the amounts: a step that changes them by less, or by less than their standard deviation, is the last
+HELPS = 0.003  # share by which chi^2 of a frame that had no part in the fit must fall
 LARGEST = 16.0  # chi^2 of a pixel, as light of a particle that was not found
 
 Array = NDArray[np.float64]
