@@ -8,7 +8,7 @@ from scipy.sparse import bsr_array
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking import equations
-from plenopiv.tracking.covariance import covariance_among, covariance_of
+from plenopiv.tracking.covariance import LEAST, covariance_among, covariance_of
 from plenopiv.tracking.frame import particles_of_frame
 from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
 from plenopiv.tracking.peaks import peaks
@@ -101,7 +101,7 @@ def test_covariances_are_those_of_the_whole_inverse():
     dense = tall.T @ tall
     dense += 10 * np.eye(24)
     blocks = bsr_array(dense, blocksize=(4, 4))
-    inverse = np.linalg.inv(dense)
+    inverse = np.linalg.inv(dense + LEAST * np.diag(np.diag(dense)))
     found = covariance_among(blocks, np.array([4, 0, 5]))
     for block, n in zip(found, (4, 0, 5), strict=True):
         assert block == pytest.approx(inverse[4 * n : 4 * n + 4, 4 * n : 4 * n + 4], rel=1e-6)
@@ -129,6 +129,29 @@ def test_particles_in_parts_are_those_of_all_at_once(monkeypatch, of_points):
     std = np.sqrt(np.einsum("nii->ni", covariance))
     assert np.abs((in_parts.position_mm - whole.position_mm) / UNIT_MM / std[:, :3]).max() < 0.1
     assert in_parts.light == pytest.approx(whole.light, rel=1e-3)
+
+
+@pytest.mark.parametrize("pixels", [40, 79, 90])
+def test_particles_that_light_does_not_tell_apart_have_wide_bars(pixels):
+    """20 particles of 4 unknowns on that many pixels, in single precision: what cannot be told, or by rounding alone,
+    is as wide as LEAST lets it be, and nothing is infinite."""
+    rng = np.random.default_rng(3)
+    derivatives = rng.normal(size=(pixels, 80))
+    derivatives[:, 40:44] = derivatives[:, 36:40]  # two at one place
+    dense = (derivatives.T @ derivatives).astype(np.float32)
+    blocks = np.ascontiguousarray(dense.reshape(20, 4, 20, 4).transpose(0, 2, 1, 3)).reshape(400, 4, 4)
+    normal = bsr_array((blocks, np.tile(np.arange(20), 20), 20 * np.arange(21)), shape=(80, 80))
+    covariance = covariance_among(normal, np.arange(20))
+    assert np.isfinite(covariance).all()
+    own = np.diagonal(dense).reshape(20, 4)
+    bars = np.sqrt(np.einsum("nii->ni", covariance) * own)  # of what they were, were the others known
+    assert (bars >= 0.999).all()
+    assert bars[9:11].min() > 200.0
+    if pixels == 90:  # the rest are as wide as if the two were one
+        one = np.delete(np.arange(80), np.arange(40, 44))
+        expected = np.sqrt(np.diag(np.linalg.inv(dense.astype(float)[np.ix_(one, one)])).reshape(19, 4))
+        rest = np.delete(np.arange(20), [9, 10])
+        assert bars[rest] == pytest.approx(np.delete(expected, 9, 0) * np.sqrt(own[rest]), rel=0.05)
 
 
 def test_peaks_of_a_volume():

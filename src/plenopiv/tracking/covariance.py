@@ -17,15 +17,17 @@ from plenopiv.tracking.equations import diagonal, parts
 from plenopiv.tracking.refine import Fit
 
 NEIGHBOURS = 31  # that share most information with a particle; the rest are taken as known
-LEAST = 1e-6  # of a parameter's information is left, whatever its neighbours do: what rounding does not resolve
+LEAST = 1e-5  # of a parameter's information is left, whatever its neighbours do: above the rounding of single precision
 
 Array = NDArray[np.float64]
 
 
 @plain_part
 def _schur_of_last(matrix: NDArray[np.float64], size: int) -> None:
-    """Cholesky's factor of a matrix (size, size) of unit diagonal in its upper triangle, but for its last four rows and
-    columns: these become the Schur complement, upper triangle."""
+    """Cholesky's factor of a matrix (size, size) of unit diagonal and LEAST on top in its upper triangle, but for its
+    last four rows and columns: these become the Schur complement, upper triangle."""
+    for j in range(size):
+        matrix[j, j] += LEAST  # particles at one place leave pivots of rounding, which would grow without end
     for j in range(size - 4):
         root = sqrt(max(matrix[j, j], LEAST))
         for i in range(j, size):
