@@ -77,7 +77,9 @@ def measure(folder, blur_mm, motion_tracking, iterations):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--blurs", nargs="*", type=int, default=BLURS_UM, metavar="UM")
-    parser.add_argument("--ways", nargs="*", choices=WAYS, default=("sharp", "auto"), metavar="WAY", help=", ".join(WAYS))
+    parser.add_argument(
+        "--ways", nargs="*", choices=WAYS, default=("sharp", "auto"), metavar="WAY", help=", ".join(WAYS)
+    )
     parser.add_argument("--out", type=Path, default=Path("build/unsharp_lens"), metavar="DIR")
     parser.add_argument("--again", action="store_true", help="make recordings anew")
     parser.add_argument("--iterations", type=int, default=5, metavar="N")
