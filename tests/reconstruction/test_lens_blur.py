@@ -84,6 +84,14 @@ def test_a_blur_takes_more_iterations(blur_pitches, iterations):
     assert ReconstructionSettings().through(blur_pitches).iterations == iterations
 
 
+@pytest.mark.parametrize(
+    ("pixels", "iterations"), [(28.0, 5), (14.0, 5), (13.5, 5), (12.0, 10), (10.0, 20), (8.0, 45), (6.0, 45)]
+)
+def test_few_views_take_more_iterations(pixels, iterations):
+    assert ReconstructionSettings().through(0.0, pixels).iterations == iterations
+    assert ReconstructionSettings(iterations=2).through(0.26, pixels).iterations == 2 * 3 * iterations // 5
+
+
 def test_doubt():
     assert LensBlur(0.02, 0.001, 0.1).beyond_doubt(0.077) == 0.02
     assert LensBlur(0.02, 0.007, 0.1).beyond_doubt(0.077) == 0.0
