@@ -79,17 +79,25 @@ def test_a_small_volume_tells_nothing():
     assert lens_blur(field, PlenopticProjector(field.layout, grid, "1-ray")) is None
 
 
+def with_microlenses(pixels, blur_pitches=0.0):
+    """A camera with microlenses of so many pixels across, and a main lens that blurs by so many pitches."""
+    camera = camera_of("hexagonal")
+    pitch_mm = pixels * camera.sensor.pixel_pitch_mm
+    return replace(camera, lattice=replace(camera.lattice, pitch_mm=pitch_mm), blur_mm=blur_pitches * pitch_mm)
+
+
 @pytest.mark.parametrize(("blur_pitches", "iterations"), [(0.0, 5), (0.13, 10), (0.26, 15), (0.52, 25)])
 def test_a_blur_takes_more_iterations(blur_pitches, iterations):
-    assert ReconstructionSettings().through(blur_pitches).iterations == iterations
+    assert ReconstructionSettings().through(with_microlenses(14.0, blur_pitches)).iterations == iterations
 
 
 @pytest.mark.parametrize(
     ("pixels", "iterations"), [(28.0, 5), (14.0, 5), (13.5, 5), (12.0, 10), (10.0, 20), (8.0, 45), (6.0, 45)]
 )
 def test_few_views_take_more_iterations(pixels, iterations):
-    assert ReconstructionSettings().through(0.0, pixels).iterations == iterations
-    assert ReconstructionSettings(iterations=2).through(0.26, pixels).iterations == 2 * 3 * iterations // 5
+    assert ReconstructionSettings().through(with_microlenses(pixels)).iterations == iterations
+    blurred = with_microlenses(pixels, 0.26)
+    assert ReconstructionSettings(iterations=2).through(blurred).iterations == 2 * 3 * iterations // 5
 
 
 def test_doubt():

@@ -74,10 +74,11 @@ def _camera(sheet: str) -> tuple[PlenopticCamera, tuple[float, float] | None]:
 def costs(optics: Optics) -> dict[str, float]:
     """Voxels, and what a run on a pair of frames takes, on two threads: GB, s."""
     camera, grid, correlation = optics.camera, optics.measurement.grid, CorrelationSettings(optics.measurement.windows)
-    takes = duration.of_settings(camera, grid, ReconstructionSettings(), correlation, threads=2)
+    reconstruction = ReconstructionSettings().through(camera)
+    takes = duration.of_settings(camera, grid, reconstruction, correlation, threads=2)
     return {
         "voxels": grid.size,
-        "memory_gb": memory.of_settings(camera, grid, ReconstructionSettings(), correlation).peak / 1e9,
+        "memory_gb": memory.of_settings(camera, grid, reconstruction, correlation).peak / 1e9,
         "time_s": takes.run(FRAMES),
     }
 

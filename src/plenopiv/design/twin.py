@@ -179,7 +179,7 @@ def reconstructed_pair(
     x, y, z = (share * side for share, side in zip(SHIFT, cut_out.window_mm, strict=True))
     motion = flow("uniform", velocity_m_s=[1e-3 * d / DT_S for d in (x, y, z)])
     rng = np.random.default_rng(seed)
-    settings = ReconstructionSettings(weights=weights).through(0.0, small.pixels_per_microlens)
+    settings = ReconstructionSettings(weights=weights).through(small)
     chain = Chain((small,), cut_out.grid, settings, CorrelationSettings(windows=cut_out.windows), noise.gain)
 
     def frame(particles: Particles, number: int) -> Reconstruction:

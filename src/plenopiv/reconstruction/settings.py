@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from plenopiv.cameras.plenoptic import PlenopticCamera
 
 Method = Literal["drt-mart", "mart", "mlos-mart"]
 LightFieldMethod = Literal["drt-mart", "mart"]
@@ -43,13 +46,12 @@ class ReconstructionSettings:
     seed: int = 0
     motion_tracking: int = 0
 
-    def through(self, blur_pitches: float, pixels_per_microlens: float = MANY_PIXELS) -> ReconstructionSettings:
-        """The same through a main lens whose blur has this standard deviation in pitches, on microlenses of so many
-        pixels across. Light that is spread over microlenses is gathered again the slower, so that iterations are
-        1 + 8 ``blur_pitches`` times as many. Fewer views tell particles apart the slower: below 14 pixels across
-        iterations grow as views^-2, decision 68."""
-        fewer = MANY_PIXELS / min(max(pixels_per_microlens, FEW_PIXELS), MANY_PIXELS)
-        more = (1 + round(MORE_OF_BLUR * blur_pitches)) * round(fewer**4)
+    def through(self, camera: PlenopticCamera) -> ReconstructionSettings:
+        """The same with the iterations that a plenoptic camera takes. Light that its main lens spreads over microlenses
+        is gathered again the slower: 1 + 8 times its blur in pitches as many. Fewer views tell particles apart the
+        slower: below 14 pixels per microlens as many as views^-2, decision 68."""
+        fewer = MANY_PIXELS / min(max(camera.pixels_per_microlens, FEW_PIXELS), MANY_PIXELS)
+        more = (1 + round(MORE_OF_BLUR * camera.blur_mm / camera.lattice.pitch_mm)) * round(fewer**4)
         return replace(self, iterations=self.iterations * more)
 
 

@@ -118,8 +118,8 @@ def chain_of(
     """The chain of an experiment and its calibrated ``camera``, of unknown noise. ``unusable``: pixels (rows, columns)
     that are no equations; ``solid``: what a body fills; ``space``: between the laboratory and lens space. A blur of the
     camera and few pixels per microlens take more iterations (``ReconstructionSettings.through``)."""
-    reconstruction, correlation = experiment.reconstruction.settings(), experiment.correlation.settings()
-    reconstruction = reconstruction.through(camera.blur_mm / camera.lattice.pitch_mm, camera.pixels_per_microlens)
+    reconstruction = experiment.reconstruction.settings().through(camera)
+    correlation = experiment.correlation.settings()
     masks = () if unusable is None else (unusable,)
     return Chain((camera,), experiment.grid(), reconstruction, correlation, unusable=masks, solid=solid, space=space)
 
