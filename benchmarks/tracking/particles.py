@@ -13,6 +13,7 @@ particle among its neighbours, positions and light unknown.
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from recorded import camera_and_volume, run_cases, three, write_table
 from plenopiv.chain import Chain
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.experiment.tracking_table import TrackingTable
+from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.run.track_pair import linked
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.images import particle_image
@@ -37,7 +39,7 @@ RECORD = Path(__file__).with_name("particles.json")
 VOXEL_MM = np.array([0.017, 0.017, 0.077])
 DT_S, RAYS, BACKGROUND, SEED = 5e-4, 200_000, 4.0, 11
 MARGIN = 0.07  # voxels' worth of mm beyond the volume in which particles are looked for
-BASE = {"ppm": 1.0, "depth_mm": 8.0, "electrons": 400.0, "columns": 420}
+BASE = {"ppm": 1.0, "depth_mm": 8.0, "electrons": 400.0, "columns": 420, "blur_um": 0.0}
 CASES = {
     "base": {},
     "dim": {"electrons": 80.0},
@@ -47,15 +49,19 @@ CASES = {
     "2 ppm": {"ppm": 2.0, "columns": 360},
     "4 ppm": {"ppm": 4.0, "columns": 330},
     "20 mm deep": {"depth_mm": 20.0, "columns": 560},
+    "blur 20 um": {"blur_um": 20.0},
+    "blur 40 um": {"blur_um": 40.0},
 }
 
 
-def measure(ppm: float, depth_mm: float, electrons: float, columns: int) -> dict:
+def measure(ppm: float, depth_mm: float, electrons: float, columns: int, blur_um: float) -> dict:
     """One case."""
     camera, volume = camera_and_volume(columns, depth_mm)
+    camera = replace(camera, blur_mm=1e-3 * blur_um)
     chain = Chain(
         (camera,),
         VoxelGrid.covering(*volume, tuple(VOXEL_MM)),
+        reconstruction=ReconstructionSettings().through(camera),
         correlation=CorrelationSettings(((64, 64, 24), (48, 48, 16))),
         counts_per_electron=SensorNoise().gain,
     )

@@ -94,13 +94,6 @@ def track(experiment: Experiment, progress: Progress | None = None, overwrite: b
             of_experiment.check_view(experiment, target.camera if target else experiment.camera(), space)
             stage = partial(report, "static light of the frames")
             chain, recording, _ = calibrated_chain(experiment, recording, None, stage, space, target)
-        if chain.camera.blur_mm > 0:
-            warnings.warn(
-                f"tracking: the main lens blurs by {1e3 * chain.camera.blur_mm:.0f} um; particles are fitted as if it "
-                "were sharp",
-                PlenoPIVWarning,
-                stacklevel=2,
-            )
         inputs = with_calibration(inputs, chain, recording)
         folder.settle(inputs)
         keep_unchanged(folder, recording)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import ceil, cos, floor, pi, sin, sqrt
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,9 +17,11 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.threads import in_threads
 from plenopiv.tracking import entry_kernels
 from plenopiv.tracking import light_kernels as kernels
+from plenopiv.tracking import soft_light_kernels as soft_kernels
 from plenopiv.tracking.bent_cells import SHIFT_POWERS
 from plenopiv.tracking.light_kernels import LightConstants
 from plenopiv.tracking.search import POOR, places_of_light
+from plenopiv.tracking.soft_cells import LEAST, soft_cell, weights_of_sub_pixels
 from plenopiv.volume import Limits
 
 WAVELENGTH_NM = 532.0  # of the lasers that particles are lit by
@@ -156,7 +158,12 @@ class PointLights:
         self.camera, self.left = camera, left
         self.blur_px = max(diffraction_px(camera) if blur_px is None else blur_px, SHARPEST_PX)
         self._centres, self._cell, self.constants = _constants(camera, self.blur_px, growth)
-        self._table = _table(self.blur_px)
+        self._kernel = kernels.light_of_points
+        self._of_cells: tuple[Any, Any] = self._cell, _table(self.blur_px)
+        if camera.blur_mm > LEAST * camera.lattice.pitch_mm:
+            soft = soft_cell(self._cell, camera.lattice.pitch_mm, camera.blur_mm)
+            self._kernel = soft_kernels.soft_light_of_points
+            self._of_cells = soft, weights_of_sub_pixels(soft_kernels.PARTS, self.blur_px)
         radius = self.constants.radius
         self._u_mm = on_disc(radius, SHIFT_PLACES)
         u, v = self._u_mm.T / radius
@@ -187,17 +194,15 @@ class PointLights:
             raise PlenoPIVError(f"tracking: a particle is not in front of the main lens at z = {nearest:g} mm")
         start, count = np.zeros(len(position) + 1, np.int64), np.empty(len(position), np.int64)
         nothing = np.empty(0, np.int32), np.empty(0, np.float32), np.empty((0, 3), np.float32)
-        fixed = self.constants, self._centres, self._cell, self._table, position, self._shifts(position)
-        in_threads(kernels.light_of_points, len(position), *fixed, True, start, count, *nothing)
+        fixed = self.constants, self._centres, *self._of_cells, position, self._shifts(position)
+        in_threads(self._kernel, len(position), *fixed, True, start, count, *nothing)
         np.cumsum(count, out=start[1:])
         filled = (
             np.empty(start[-1], np.int32),
             np.empty(start[-1], np.float32),
             np.empty((start[-1], 3), np.float32),
         )
-        in_threads(
-            kernels.light_of_points, len(position), *fixed, False, start, count, *filled
-        )  # fewer than there may be
+        in_threads(self._kernel, len(position), *fixed, False, start, count, *filled)  # fewer than there may be
         entry_kernels.close_up(start, count, *filled)
         pixel, share, gradient = filled
         return Lights(start, pixel[: start[-1]], share[: start[-1]], gradient[: start[-1]])
