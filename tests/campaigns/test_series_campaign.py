@@ -74,14 +74,14 @@ def test_the_recorded_campaign_is_whole_and_its_page_is_written():
 
 @pytest.mark.full
 def test_a_sample(tmp_path):
-    """A kill or more, damages, a full disk and a read-only one where this process may mount, in a series of 4 pairs."""
+    """A kill or more, damages, a signal and a second run where this process may mount, in a series of 3 pairs."""
     path = tmp_path / "series.json"
     command = [sys.executable, ROOT / "campaigns" / "series.py", "kills", "damages", "faults", "--results", path]
-    options = ["--count", "3", "--pairs", "4", "--first", "1000"]
+    options = ["--count", "2", "--pairs", "3", "--first", "1000"]
     ended = subprocess.run([*map(str, command), *options], capture_output=True, text=True, timeout=600, check=False)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     held = json.loads(path.read_text())["kinds"]
-    assert sum(len(case["kills"]) for case in held["kills"].values()) >= 3
-    assert sum(len(case["damages"]) for case in held["damages"].values()) >= 3
+    assert sum(len(case["kills"]) for case in held["kills"].values()) >= 2
+    assert sum(len(case["damages"]) for case in held["damages"].values()) >= 2
     if series_faults.can_mount():
-        assert len(held["faults"]) == 3
+        assert len(held["faults"]) == 2
