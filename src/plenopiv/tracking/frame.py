@@ -15,6 +15,7 @@ from plenopiv.tracking.evidence import misfit, without_evidence
 from plenopiv.tracking.light import LightOfPoints, Lights
 from plenopiv.tracking.pixels import SAMPLE, Pixels
 from plenopiv.tracking.refine import Fit, Prior, fit_light, refine
+from plenopiv.tracking.splits import crowded, near_any, splits
 from plenopiv.volume import Limits
 
 PASSES = 8  # of fitting and searching, at most
@@ -79,25 +80,31 @@ def particles_of_frame(
     prior = Prior(position_mm, of_points.prior_std_mm)
     lights = [of_points(position_mm)]  # handed on by pop(), so that what is moved is let go
     light = fit_light(lights[0], pixels, light)
-    position = position_mm
+    position, known = position_mm, np.empty((0, 3))  # known: of which particles it is known whether they are two
     for done in range(PASSES):
         fit = refine(of_points, pixels, position, light, prior, STEPS if done else FIRST_STEPS, lights.pop(), ROUGHLY)
         pixels = with_noise(pixels, fit.lights, fit.light)
-        out = without_evidence(fit, covariance_of(fit, NEIGHBOURS), misfit(fit, pixels.usable))
-        position, light, first = fit.position_mm[~out], fit.light[~out], prior.position_mm[~out]
+        off = misfit(fit, pixels.usable)
+        out = without_evidence(fit, covariance_of(fit, NEIGHBOURS), off)
+        if out.all():
+            raise PlenoPIVError(NONE)
+        typical = float(np.median(fit.light[~out]))
+        asked = crowded(fit, off) & ~(out | near_any(fit.position_mm, known, fit.lights.unit_mm))
+        pairs, half = splits(of_points, fit, off, asked)
         excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
-        new, _ = of_points.places(excess, limits_mm)
+        places, _ = of_points.places(excess, limits_mm)
         if progress is not None:
             progress(done + 1, PASSES + 1)
-        if len(light) == 0:
-            raise PlenoPIVError(NONE)
-        typical = float(np.median(light))
+        changes, middle = len(places) + len(pairs) + out.sum(), fit.position_mm[pairs]
+        out[pairs] = True
+        new = np.concatenate([places, middle + half, middle - half])
+        known = np.concatenate([known, fit.position_mm[asked] if done else middle])  # the first fit is a rough one
+        of_new = np.concatenate([np.full(len(places), FIRST_LIGHT * typical), np.tile(0.5 * fit.light[pairs], 2)])
         lights.append(fit.lights.with_others(np.flatnonzero(~out), of_points(new)))
+        position, light = np.concatenate([fit.position_mm[~out], new]), np.concatenate([fit.light[~out], of_new])
+        prior = Prior(np.concatenate([prior.position_mm[~out], new]), prior.std_mm)
         del fit
-        position, first = np.concatenate([position, new]), np.concatenate([first, new])
-        light = np.concatenate([light, np.full(len(new), FIRST_LIGHT * typical)])
-        prior = Prior(first, prior.std_mm)
-        if len(new) + out.sum() <= FEW * len(light):
+        if changes <= FEW * len(light):
             break
     fit = refine(of_points, pixels, position, light, prior, LAST_STEPS, lights.pop(), STILL)
     return judged(fit, pixels)[0]
