@@ -116,9 +116,9 @@ def measure(flow_name: str, parameters: tuple = ()) -> dict:
         tracks = xarray.load_dataset(found.path)
         with np.load(Path(folder) / "truth_particles.npz") as particles:
             truth = particles["a"], particles["b"]
+    fields = {name: field.isel(time=0) if "time" in field.dims else field for name, field in fields.items()}
     if isinstance(velocity, Wave):
-        zone = BEYOND_HALF_DEAD_ZONES * float(np.abs(condition.camera().dead_zone_mm()).max())
-        return {name: {"response": _response(field, velocity, condition, zone)} for name, field in fields.items()}
+        return {name: {"response": _response(field, velocity, condition)} for name, field in fields.items()}
     out = {name: _scored(field, truth, velocity, condition) for name, field in fields.items() if name != "tracks"}
     return out | {"tracks": _scored(fields["tracks"], truth, velocity, condition, tracks)}
 
@@ -133,8 +133,6 @@ def _scored(
     """RMS against the flow at the vector and in the window, also beyond 1.5 half dead zones, and the share of errors
     within one and two error bars. With ``tracks`` in the window their linear fits are judged, at the vector their
     field's error bars."""
-    if "time" in field.dims:
-        field = field.isel(time=0)
     voxel = np.array(condition.voxel_mm())
     half, to_voxels = 0.5 * voxel * WINDOW, 1e3 * DT_S / voxel
     z, y, x = np.meshgrid(field.z.values, field.y.values, field.x.values, indexing="ij")
@@ -151,8 +149,7 @@ def _scored(
     window = values[chosen] if tracks is None else _linear_fits(tracks, at[chosen], half) / voxel
     moved = advect(velocity, at[chosen], 0.5 * DT_S) - advect(velocity, at[chosen], -0.5 * DT_S)
     off = {"window": window - true.window / voxel, "point": values[chosen] - moved / voxel}
-    zone = BEYOND_HALF_DEAD_ZONES * float(np.abs(condition.camera().dead_zone_mm()).max())
-    beyond = np.abs(at[chosen, 2]) > zone
+    beyond = np.abs(at[chosen, 2]) > _zone_mm(condition)
     error, bar = np.abs(off["window" if tracks is None else "point"]), std[chosen]
     known = np.isfinite(error).all(1)
     return {
@@ -187,19 +184,22 @@ def _linear_fits(tracks: xarray.Dataset, at_mm: Array, half_mm: Array) -> Array:
     return out
 
 
-def _response(field: xarray.Dataset, velocity: Wave, condition: Condition, zone_mm: float) -> float:
+def _response(field: xarray.Dataset, velocity: Wave, condition: Condition) -> float:
     """Measured over true amplitude at vectors a window from the ends of the wave's axis."""
-    if "time" in field.dims:
-        field = field.isel(time=0)
     z, y, x = np.meshgrid(field.z.values, field.y.values, field.x.values, indexing="ij")
     place = (x, y, z)[velocity.axis]
     edge = 0.5 * WINDOW[velocity.axis] * condition.voxel_mm()[velocity.axis]
     values = field["uvw"[velocity.across]].values
     moved = values * DT_S * 1e3 / condition.voxel_mm()[velocity.across] - DRIFT[velocity.across]
     lo, hi = condition.volume_mm()[velocity.axis]
-    kept = (np.abs(z) > zone_mm) & (place > lo + 2 * edge) & (place < hi - 2 * edge) & np.isfinite(moved)
+    kept = (np.abs(z) > _zone_mm(condition)) & (place > lo + 2 * edge) & (place < hi - 2 * edge) & np.isfinite(moved)
     true = velocity.at(place)[kept]
     return float(moved[kept] @ true / (true @ true))
+
+
+def _zone_mm(condition: Condition) -> float:
+    """|z| from which on vectors are beyond 1.5 half dead zones."""
+    return BEYOND_HALF_DEAD_ZONES * float(np.abs(condition.camera().dead_zone_mm()).max())
 
 
 def page(record: dict) -> None:
