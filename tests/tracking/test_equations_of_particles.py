@@ -36,7 +36,7 @@ def test_equations_are_those_of_dense_matrices(scene):
     columns = [dense(lights, lights.gradient[:, k]) * UNIT_MM[k] for k in range(3)] + [dense(lights, lights.share)]
     jacobian = np.stack(columns, 1) * light[:, None, None] * weight  # (points, 4, pixels)
     whole = np.einsum("ipx,jqx->ipjq", jacobian, jacobian, optimize=True).reshape(4 * len(light), -1)
-    normal = normal_equations(lights, light, weight)
+    normal = normal_equations(lights, light, weight, telling=0.0)
     scale = np.sqrt(np.diag(whole))
     assert normal.toarray() / scale / scale[:, None] == pytest.approx(whole / scale / scale[:, None], abs=1e-5)
     own, slope = own_equations(lights, light, weight, pull)
@@ -48,6 +48,26 @@ def test_equations_are_those_of_dense_matrices(scene):
             block += np.outer(row, row)
         assert own[n] == pytest.approx(block, abs=1e-5 * np.abs(block).max())
     assert slope / scale.reshape(-1, 4) == pytest.approx(right / scale.reshape(-1, 4), abs=1e-4)
+
+
+def test_entries_that_say_little_are_left_out(scene):
+    lights, light, weight, _ = scene
+    every, some = (normal_equations(lights, light, weight, **given) for given in ({"telling": 0.0}, {}))
+    lost = 1 - some.diagonal() / every.diagonal()
+    assert lost.max() < 0.01
+    assert 1e-5 < lost.mean() < 0.004
+    scale = np.sqrt(every.diagonal())
+    assert np.abs((some - every).toarray() / scale / scale[:, None]).max() < 0.01
+
+
+def test_particles_whose_pixels_cannot_be_used_have_blocks(scene):
+    lights, light, weight, _ = scene
+    dark = weight.copy()
+    dark[lights.pixel[lights.start[2] : lights.start[3]]] = 0.0
+    normal = normal_equations(lights, light, dark)
+    assert normal.shape == (4 * len(light), 4 * len(light))
+    assert np.isfinite(normal.data).all()
+    assert (normal.diagonal().reshape(-1, 4)[2] == 0).all()
 
 
 def test_light_alone_and_misfits_are_those_of_dense_matrices(scene):

@@ -8,7 +8,7 @@ from plenopiv.tracking.evidence import misfit
 from plenopiv.tracking.frame import particles_of_frame, with_noise
 from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
 from plenopiv.tracking.refine import Prior, refine
-from plenopiv.tracking.splits import STEP, _derivatives, _pair, crowded, near_any, splits
+from plenopiv.tracking.splits import STEPS, crowded, equations, near_any, pairs, splits
 
 OF_POINTS = PointLights(CAMERA)
 ELECTRONS = 60_000.0
@@ -68,41 +68,67 @@ def test_only_those_asked_are_split():
     assert offset.shape == (0, 3)
 
 
+def image(lights, values):
+    return np.bincount(lights.pixel, values, CAMERA.sensor.rows * CAMERA.sensor.columns)
+
+
+def terms_of(place):
+    """The 11 terms (pixels, 11) in plain NumPy, of images of gradients at the places around; 0 where none lights."""
+    here, around = OF_POINTS([place]), [OF_POINTS([place + step * UNIT_MM]) for step in STEPS]
+    slopes = np.array([[image(one, one.gradient[:, k]) * UNIT_MM[k] for k in range(3)] for one in around])
+    bends = np.einsum("sjp,sk->jkp", slopes, STEPS) / (STEPS**2).sum(0)[:, None]
+    lit = np.zeros(slopes.shape[-1], bool)
+    lit[np.concatenate([here.pixel, *(one.pixel for one in around)])] = True
+    first = [image(here, here.gradient[:, k]) * UNIT_MM[k] for k in range(3)]
+    both = [bends[i, j] + bends[j, i] for i, j in ((0, 1), (0, 2), (1, 2))]
+    return np.stack(
+        [lit / lit.sum(), image(here, here.share), *first, bends[0, 0], bends[1, 1], bends[2, 2], *both], -1
+    )
+
+
 def test_second_derivatives_are_differences_of_shares():
-    place = np.array([0.05, -0.11, 1.9])
-    steps = STEP * np.concatenate([np.diag(UNIT_MM), -np.diag(UNIT_MM)])
-    here = OF_POINTS([place])
-    pixel, terms = _derivatives(here, 0, OF_POINTS(place + steps), 0)
+    place, wide = np.array([0.05, -0.11, 1.9]), 0.3
+    terms = terms_of(place)
 
-    def image(at_mm):
+    def share(at_mm):
         lights = OF_POINTS([at_mm])
-        return np.bincount(lights.pixel, lights.share, CAMERA.sensor.rows * CAMERA.sensor.columns)[pixel]
+        return image(lights, lights.share)
 
-    wide = 0.6
     for k, axis in enumerate(np.eye(3)):
         move = wide * axis * UNIT_MM
-        difference = (image(place + move) - 2 * image(place) + image(place - move)) / wide**2
+        difference = (share(place + move) - 2 * share(place) + share(place - move)) / wide**2
         assert np.linalg.norm(terms[:, 5 + k] - difference) < 0.25 * np.linalg.norm(difference)
-        first = (image(place + move) - image(place - move)) / (2 * wide)
-        assert np.linalg.norm(terms[:, 2 + k] - first) < 0.2 * np.linalg.norm(first)
-    across, deep = 0.6 * UNIT_MM * [1, 0, 0], 0.6 * UNIT_MM * [0, 0, 1]
-    corners = [image(place + a * across + b * deep) * a * b for a in (-1, 1) for b in (-1, 1)]
+    across, deep = wide * UNIT_MM * [1, 0, 0], wide * UNIT_MM * [0, 0, 1]
+    corners = [share(place + a * across + b * deep) * a * b for a in (-1, 1) for b in (-1, 1)]
     mixed = sum(corners) / (4 * wide**2)
     assert np.linalg.norm(terms[:, 9] / 2 - mixed) < 0.35 * np.linalg.norm(mixed)
+
+
+def test_equations_are_those_of_dense_terms():
+    pixels = pixels_of(noisy(np.array(ALONE), np.full(4, ELECTRONS)))
+    _, fit = fitted(pixels, ALONE, np.full(4, 0.9 * ELECTRONS))
+    which = np.array([1, 3])
+    normal, right = equations(OF_POINTS, fit, which)
+    for n, particle in enumerate(which):
+        weighed = terms_of(fit.position_mm[particle]) * fit.light[particle] * fit.weight[:, None]
+        whole = weighed.T @ weighed
+        scale = np.sqrt(np.diag(whole))
+        # a fit's light follows its derivatives where a step is small
+        assert normal[n] / scale / scale[:, None] == pytest.approx(whole / scale / scale[:, None], abs=2e-3)
+        assert right[n] / scale == pytest.approx(weighed.T @ (fit.residual * fit.weight) / scale, abs=0.05)
 
 
 def test_a_pair_is_read_off_its_second_derivatives():
     rng = np.random.default_rng(5)
     terms, half = rng.normal(size=(400, 11)), np.array([0.3, -0.5, 1.4])
     outer = 0.5 * np.outer(half, half)
-    of_pair = [outer[0, 0], outer[1, 1], outer[2, 2], outer[0, 1], outer[0, 2], outer[1, 2]]
-    left = terms @ [0.7, 0.2, 0.1, -0.3, 0.4, *of_pair]
-    gain, found = _pair(terms, left)
-    assert found is not None
-    assert min(np.abs(found - half).max(), np.abs(found + half).max()) < 1e-3
+    of_pair = np.array([outer[0, 0], outer[1, 1], outer[2, 2], outer[0, 1], outer[0, 2], outer[1, 2]])
+    two, narrow = terms @ [0.7, 0.2, 0.1, -0.3, 0.4, *of_pair], -terms[:, 5:] @ of_pair
+    normal = np.stack([terms.T @ terms] * 2)
+    gain, found = pairs(normal, np.stack([terms.T @ two, terms.T @ narrow]))
+    assert min(np.abs(found[0] - half).max(), np.abs(found[0] + half).max()) < 1e-3
     assert gain == pytest.approx(((terms[:, 5:] @ of_pair) ** 2).sum(), rel=0.1)
-    less = -np.array(of_pair)
-    assert _pair(terms, terms[:, 5:] @ less)[1] is None  # what is too narrow is no pair
+    assert np.isnan(found[1]).all()  # what is too narrow is no pair
 
 
 def test_places_near_any_other():

@@ -21,6 +21,7 @@ from plenopiv.tracking.light import Lights
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Numbers = NDArray[np.int64]
+TELLING = 0.03  # a third of the entries say less than this much of what one says on the average: .2 % of all
 TOGETHER = 12_000  # particles whose equations are solved at a time: 2 GB at the most
 
 
@@ -74,14 +75,23 @@ def own_equations(lights: Lights, light: Array, weight: Single, pull: Single) ->
     return own, slope
 
 
-def normal_equations(lights: Lights, light: Array, weight: Single) -> bsr_array:
-    """The normal equations (4n, 4n) of particles, in blocks."""
-    n, m = len(light), len(lights.pixel)
-    pixel_end = np.zeros(len(weight), np.int64)
+def normal_equations(lights: Lights, light: Array, weight: Single, telling: float = TELLING) -> bsr_array:
+    """The normal equations (4n, 4n) of particles, in blocks. Entries that say less than ``telling`` of what a
+    particle's say on the average are left out."""
+    n, start = len(light), np.zeros(len(light) + 1, np.int64)
+    told, count = np.empty(len(lights.pixel), np.bool_), np.empty(n, np.int64)
+    in_threads(normal_kernels.telling_entries, n, *entries(lights), weight, telling, told, count)
+    np.cumsum(count, out=start[1:])
+    m, entry = int(start[-1]), np.empty(start[-1], np.int32)
+    in_threads(normal_kernels.pick, n, lights.start, told, start, entry)
+    del told
+    pixel, pixel_end = lights.pixel[entry], np.zeros(len(weight), np.int64)
     rank, particle, whitened = np.empty(m, np.int32), np.empty(m, np.int32), np.empty((m, 4), np.float32)
-    normal_kernels.by_pixels(lights.start, lights.pixel, pixel_end, rank, particle)
-    in_threads(normal_kernels.whiten, n, *entries(lights), light, lights.unit_mm, weight, rank, whitened)
-    count, shared = np.empty(n, np.int64), (lights.start, lights.pixel, pixel_end, rank, particle)
+    normal_kernels.by_pixels(start, pixel, pixel_end, rank, particle)
+    values = lights.share, lights.gradient, light, lights.unit_mm, weight
+    in_threads(normal_kernels.whiten, n, start, pixel, entry, *values, rank, whitened)
+    del entry
+    shared = start, pixel, pixel_end, rank, particle
     in_threads(normal_kernels.count_later, n, *shared, count)
     later_start = np.concatenate([[0], np.cumsum(count)])
     later, of_later = np.empty(later_start[-1], np.int32), np.zeros((later_start[-1], 4, 4), np.float32)

@@ -25,6 +25,9 @@ FEW = 0.01  # share of particles left out and found below which no other pass fo
 LAST_STEPS = 6
 STILL = 0.03  # standard deviations by which its own pixels must pull a particle for it to move, in the last fit ...
 ROUGHLY = 0.1  # ... and on the way
+LOOSE = 1e-2  # tolerance of conjugate gradients on the way
+BEGUN = 1.5  # times the median's misfit that counts against a particle on the way, where it has only begun to fit
+NEAR, ROUGHLY_NEAR = 0.01, 0.04  # units within which light follows its derivatives, in the last fit and on the way
 FIRST_LIGHT = 0.5  # of the median particle's, of a particle that is found in what is left
 
 NONE = "tracking: the pixels speak for no particle; check camera, calibration and noise with plenopiv check"
@@ -82,10 +85,12 @@ def particles_of_frame(
     light = fit_light(lights[0], pixels, light)
     position, known = position_mm, np.empty((0, 3))  # known: of which particles it is known whether they are two
     for done in range(PASSES):
-        fit = refine(of_points, pixels, position, light, prior, STEPS if done else FIRST_STEPS, lights.pop(), ROUGHLY)
+        steps = STEPS if done else FIRST_STEPS
+        fit = refine(of_points, pixels, position, light, prior, steps, lights.pop(), ROUGHLY, ROUGHLY_NEAR, LOOSE)
         pixels = with_noise(pixels, fit.lights, fit.light)
         off = misfit(fit, pixels.usable)
-        out = without_evidence(fit, covariance_of(fit, NEIGHBOURS), off)
+        most = BEGUN * float(np.median(off))
+        out = without_evidence(fit, covariance_of(fit, NEIGHBOURS), np.minimum(off, most))
         if out.all():
             raise PlenoPIVError(NONE)
         typical = float(np.median(fit.light[~out]))
@@ -106,7 +111,7 @@ def particles_of_frame(
         del fit
         if changes <= FEW * len(light):
             break
-    fit = refine(of_points, pixels, position, light, prior, LAST_STEPS, lights.pop(), STILL)
+    fit = refine(of_points, pixels, position, light, prior, LAST_STEPS, lights.pop(), STILL, NEAR)
     return judged(fit, pixels)[0]
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import ceil, cos, floor, pi, sin, sqrt
+from math import ceil, cos, floor, pi, sin
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import erf
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.ray_model import on_disc
@@ -19,9 +18,11 @@ from plenopiv.tracking import entry_kernels
 from plenopiv.tracking import light_kernels as kernels
 from plenopiv.tracking import soft_light_kernels as soft_kernels
 from plenopiv.tracking.bent_cells import SHIFT_POWERS
+from plenopiv.tracking.edge_integrals import EDGE, TAIL, pixel_profile
 from plenopiv.tracking.light_kernels import LightConstants
 from plenopiv.tracking.search import POOR, places_of_light
 from plenopiv.tracking.soft_cells import LEAST, soft_cell, weights_of_sub_pixels
+from plenopiv.tracking.whole_cells import CellTables, cell_tables
 from plenopiv.volume import Limits
 
 WAVELENGTH_NM = 532.0  # of the lasers that particles are lit by
@@ -159,7 +160,9 @@ class PointLights:
         self.blur_px = max(diffraction_px(camera) if blur_px is None else blur_px, SHARPEST_PX)
         self._centres, self._cell, self.constants = _constants(camera, self.blur_px, growth)
         self._kernel = kernels.light_of_points
-        self._of_cells: tuple[Any, Any] = self._cell, _table(self.blur_px)
+        outline = self._cell * [1.0, -1.0] / camera.lattice.pitch_mm
+        self._tables = cell_tables(outline, self.blur_px) if left is None else CellTables(outline, self.blur_px, 0.0)
+        self._of_cells: tuple[Any, ...] = self._cell, pixel_profile(self.blur_px), self._tables.cells
         if camera.blur_mm > LEAST * camera.lattice.pitch_mm:
             soft = soft_cell(self._cell, camera.lattice.pitch_mm, camera.blur_mm)
             self._kernel = soft_kernels.soft_light_of_points
@@ -194,6 +197,11 @@ class PointLights:
             raise PlenoPIVError(f"tracking: a particle is not in front of the main lens at z = {nearest:g} mm")
         start, count = np.zeros(len(position) + 1, np.int64), np.empty(len(position), np.int64)
         nothing = np.empty(0, np.int32), np.empty(0, np.float32), np.empty((0, 3), np.float32)
+        if self._kernel is kernels.light_of_points:
+            spread = self.camera.spread(position[:, 2])
+            of_pitch = (1.0 - spread) / np.maximum(np.abs(spread), kernels.SMALLEST_SPREAD)
+            pixels_a_pitch = self.camera.lattice.pitch_mm / self.constants.pixel
+            self._tables.make(self.constants.image_scale * of_pitch * pixels_a_pitch)
         fixed = self.constants, self._centres, *self._of_cells, position, self._shifts(position)
         in_threads(self._kernel, len(position), *fixed, True, start, count, *nothing)
         np.cumsum(count, out=start[1:])
@@ -266,25 +274,9 @@ def _constants(
             lens.object_distance_mm,
             lens.image_distance_mm,
             lens.focal_length_mm,
-            0.5 + kernels.TAIL * blur_px,
-            0.5 + kernels.EDGE * blur_px,
+            0.5 + TAIL * blur_px,
+            0.5 + EDGE * blur_px,
             sides,
             float(np.hypot(*moved.T).max()) / lattice.pitch_mm,
         ),
     )
-
-
-def _table(blur_px: float) -> NDArray[np.float32]:
-    """k, its integral K, and what both grow by to the next entry, on -tail ... tail, ``PER_PX`` entries a pixel."""
-    tail = 0.5 + kernels.TAIL * blur_px
-    at = np.arange(ceil(2 * tail * kernels.PER_PX) + 2) / kernels.PER_PX - tail
-
-    def normal(x: Array) -> Array:
-        return 0.5 * (1.0 + np.asarray(erf(x / sqrt(2.0))))
-
-    def twice(x: Array) -> Array:  # integral of the normal distribution's integral
-        return x * normal(x) + np.exp(-0.5 * x * x) / sqrt(2.0 * pi)
-
-    above, below = (at + 0.5) / blur_px, (at - 0.5) / blur_px
-    values = np.stack([normal(above) - normal(below), blur_px * (twice(above) - twice(below))], -1)
-    return np.concatenate([values, np.diff(values, axis=0, append=values[-1:])], -1).astype(np.float32)

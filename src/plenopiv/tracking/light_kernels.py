@@ -10,7 +10,8 @@ convolved with a Gaussian. With K the integral of k, Gauss' theorem makes of the
     d share     = density * sum over the boundary of  k(X - column) k(Y - row) (velocity . n) ds
 
 n the outward normal; the velocity is that of the boundary as the point moves. Along z the density changes as well.
-Boundaries are taken in pieces of at most PIECE pixels with three Gauss-Legendre nodes each.
+Boundaries are taken in pieces of at most PIECE pixels with three Gauss-Legendre nodes each. Cells that lie within the
+disc as a whole differ by size and place alone: their light is looked up (``whole_cells``).
 """
 
 from __future__ import annotations
@@ -24,16 +25,10 @@ from numpy.typing import NDArray
 from plenopiv.kernels import kernel, part
 from plenopiv.tracking.bent_cells import MOST, bend, bends, inverse_of, left_of
 from plenopiv.tracking.cut_discs import ARCS, about, boundary
+from plenopiv.tracking.edge_integrals import at_node, node_of, nodes_of
+from plenopiv.tracking.whole_cells import VALUES, WholeCells, expanded, number_of, place_of
 
-PIECE = 0.4  # px between two sets of nodes: gradients are exact to half a percent for diffraction of 0.16 px
-NODES = 3
-ROOT = sqrt(0.6)  # Gauss-Legendre of three nodes on -1 ... 1
-SHORT = 0.25  # px: so short a piece has two nodes, as exact
-ROOT_OF_TWO = 1.0 / sqrt(3.0)  # Gauss-Legendre of two nodes
-PER_PX = 256  # entries of the table of k and K
-TAIL = 4.0  # standard deviations of diffraction that the table reaches beyond the pixel
-LEAST = 3e-5  # of the light of a pixel that is wholly lit, or of a cell: pixels with less of it are left out
-EDGE = 2.5  # standard deviations beyond its boundary at which a patch ends: 1e-5 of the light is left out
+LEAST = 1e-4  # of the light of a pixel that is wholly lit, or of a cell: pixels with less of it are left out
 SMALLEST_SPREAD = 1e-7  # stands for A in focus, where cells are larger than the aperture
 
 
@@ -68,37 +63,6 @@ class LightConstants(NamedTuple):
 
 
 @part
-def _at_node(
-    cam: LightConstants,
-    table: NDArray[np.float32],  # (n, 4): k, K, and what they grow by to the next entry
-    x: float, y: float,  # of the node, pixels from the middle of the patch's first pixel
-    rows: int, columns: int,
-    of_share: float, gx: float, gy: float, gz: float,  # what multiplies K k, and k k
-    column: NDArray[np.float32],  # (4 columns,) to work in
-    patch: NDArray[np.float32],  # (rows, 4 columns): share and gradient of each pixel, added to
-) -> None:  # fmt: skip
-    """Add a node of the boundary to the pixels of a patch."""
-    last = table.shape[0] - 2
-    along = np.float32((x + cam.tail_px) * PER_PX)
-    by_k, by_x, by_y, by_z = np.float32(of_share), np.float32(gx), np.float32(gy), np.float32(gz)
-    for c in range(columns):
-        at = min(max(along - np.float32(PER_PX * c), np.float32(0.0)), np.float32(last))
-        i = int(at)
-        rest = at - np.float32(i)
-        k = table[i, 0] + rest * table[i, 2]
-        column[4 * c] = by_k * (table[i, 1] + rest * table[i, 3])
-        column[4 * c + 1] = by_x * k
-        column[4 * c + 2] = by_y * k
-        column[4 * c + 3] = by_z * k
-    for r in range(max(ceil(y - cam.tail_px), 0), min(floor(y + cam.tail_px) + 1, rows)):
-        at = min(max(np.float32((y - r + cam.tail_px) * PER_PX), np.float32(0.0)), np.float32(last))
-        i = int(at)
-        ky = table[i, 0] + (at - np.float32(i)) * table[i, 2]
-        for q in range(4 * columns):
-            patch[r, q] += ky * column[q]
-
-
-@part
 def _patch(cam: LightConstants, x0: float, y0: float, box: NDArray[np.float64], window: NDArray[np.int64]) -> int:
     """First column, first row, columns and rows of the pixels that a patch about (x0, y0) lights; how many."""
     lo = max(ceil(x0 + box[0] - cam.edge_px), 0)
@@ -130,7 +94,7 @@ def _light_of_point(
     cam: LightConstants,
     centres: NDArray[np.float64],  # (nj, ni, 2): centres of the microlenses, mm
     cell: NDArray[np.float64],  # (corners, 2): of a cell about its centre, mm, clockwise in (s, t)
-    table: NDArray[np.float32],
+    profile: NDArray[np.float32], whole: WholeCells,
     x: float, y: float, z: float,
     shift: NDArray[np.float64],  # (terms, 2), or no terms where the main lens is a thin one
     count_alone: bool,
@@ -159,6 +123,10 @@ def _light_of_point(
     reach = abs(a) * cam.radius * wide / cam.pitch + 0.7072 + cam.moved
     first, thin = at, shift.shape[0] == 0 or not bends(a, cam.radius, shift, left)
     inverse[0], inverse[1], inverse[2], inverse[3] = 1.0 / a, 0.0, 0.0, 1.0 / a
+    size = abs(cell_px) * cam.pitch
+    number = number_of(whole, size) if thin else -1
+    off_size = np.float32(size - (number + 1) * whole.size_step)
+    grows = -rate / (a * (1.0 - a))  # cell_px, per mm of z and of itself
     low, high = _lens_rows(cam, across, reach)
     for j in range(max(low, cam.j0), min(high, cam.j0 + centres.shape[0])):
         lo, hi = _lenses_of_row(cam, along, across, reach, j)
@@ -167,6 +135,40 @@ def _light_of_point(
             radius = cam.radius * to_px * (1.0 + cam.growth_s * lens_s + cam.growth_t * lens_t)
             density = 1.0 / (pi * radius * radius)
             least = LEAST * density * of_cell
+            x0 = cam.column0 - (lens_s + e * image_s) / px
+            y0 = cam.row0 + (lens_t + e * image_t) / px
+            if number >= 0:
+                beside_s, beside_t = lens_s - image_s, lens_t - image_t
+                most = radius - size * whole.far
+                if most > 0.0 and cell_px * cell_px * (beside_s * beside_s + beside_t * beside_t) < most * most:
+                    x0, y0 = x0 + cell_px * beside_s, y0 - cell_px * beside_t
+                    middle_column, middle_row = floor(x0 + 0.5), floor(y0 + 0.5)
+                    half = whole.half[number]
+                    window[0], window[1] = max(middle_column - half, 0), max(middle_row - half, 0)
+                    window[2] = min(middle_column + half, cam.columns - 1) + 1
+                    window[3] = min(middle_row + half, cam.rows - 1) + 1
+                    if count_alone:
+                        at += max(window[2] - window[0], 0) * max(window[3] - window[1], 0)
+                        continue
+                    n, dx, dy = place_of(whole, number, x0 - middle_column, y0 - middle_row)
+                    off_x, off_y = np.float32(dx), np.float32(dy)
+                    here = density * size * size
+                    to_x = -here * b * e / (px * a)  # of a px that the middle moves by, per mm of the point's x
+                    z_x = here * (rate * x * e / (px * a) + cell_px * grows * beside_s)
+                    z_y = -here * (rate * y * e / (px * a) + cell_px * grows * beside_t)
+                    z_size, z_share = here * size * grows, here * (2.0 * grows + swell)
+                    for r in range(window[1], window[3]):
+                        in_row = (r - middle_row + half) * (2 * half + 1) - middle_column + half
+                        for c in range(window[0], window[2]):
+                            f, fx, fy, fq = expanded(whole.values, n + (in_row + c) * VALUES, off_x, off_y, off_size)
+                            if here * f > least:
+                                pixel[at] = r * cam.columns + c
+                                share[at] = here * f
+                                gradient[at, 0] = to_x * fx
+                                gradient[at, 1] = -to_x * fy
+                                gradient[at, 2] = z_x * fx + z_y * fy + z_size * fq + z_share * f
+                                at += 1
+                    continue
             for k in range(cam.corners):
                 corner[k, 0] = cell_px * (lens_s + cell[k, 0] - image_s)
                 corner[k, 1] = -cell_px * (lens_t + cell[k, 1] - image_t)
@@ -179,13 +181,11 @@ def _light_of_point(
                 n = boundary(bent, points, radius, pieces, box, crossing)
             if n == 0:
                 continue
-            x0 = cam.column0 - (lens_s + e * image_s) / px
-            y0 = cam.row0 + (lens_t + e * image_t) / px
-            size = _patch(cam, x0, y0, box, window)
-            if size == 0:
+            pixels = _patch(cam, x0, y0, box, window)
+            if pixels == 0:
                 continue
             if count_alone:
-                at += size
+                at += pixels
                 continue
             columns, rows = window[2], window[3]
             for r in range(rows):
@@ -209,16 +209,9 @@ def _light_of_point(
                         inverse[k] *= 1.0 - a
                     inverse[0] += 1.0
                     inverse[3] += 1.0
-                parts = ceil(length / PIECE)
-                step = length / parts
-                short = length <= SHORT
-                for node in range(2 if short else NODES * parts):
-                    if short:
-                        middle, ds_px = 0.5 + (node - 0.5) * ROOT_OF_TWO, 0.5 * length
-                    else:
-                        of_three = node % NODES
-                        middle = (node // NODES + 0.5 + 0.5 * ROOT * (of_three - 1)) / parts
-                        ds_px = step * (4.0 / 9.0 if of_three == 1 else 5.0 / 18.0)
+                nodes = nodes_of(length)
+                for node in range(nodes):
+                    middle, ds_px = node_of(node, nodes, length)
                     if arc:
                         angle = pieces[p, 1] + middle * turn
                         nx, ny = cos(angle), sin(angle)
@@ -234,7 +227,7 @@ def _light_of_point(
                     gz = rate * ((x - wx / to_px) * along_u + (y + wy / to_px) * along_v) * factor
                     of_share = nx * ds_px * density
                     here_x, here_y = x0 + wx - window[0], y0 + wy - window[1]
-                    _at_node(cam, table, here_x, here_y, rows, columns, of_share, gx, gy, gz, column, patch)
+                    at_node(cam.tail_px, profile, here_x, here_y, rows, columns, of_share, gx, gy, gz, column, patch)
             for r in range(rows):
                 for c in range(columns):
                     if patch[r, 4 * c] > least:
@@ -251,7 +244,7 @@ def _light_of_point(
 def light_of_points(
     begin: int, end: int,
     cam: LightConstants,
-    centres: NDArray[np.float64], cell: NDArray[np.float64], table: NDArray[np.float32],
+    centres: NDArray[np.float64], cell: NDArray[np.float64], profile: NDArray[np.float32], whole: WholeCells,
     position: NDArray[np.float64],  # (points, 3): x, y, z, mm
     shift: NDArray[np.float64],  # (points, terms, 2)
     count_alone: bool,
@@ -268,7 +261,7 @@ def light_of_points(
     column, patch = np.empty(4 * side, np.float32), np.empty((side, 4 * side), np.float32)
     for n in range(begin, end):
         count[n] = _light_of_point(
-            cam, centres, cell, table, position[n, 0], position[n, 1], position[n, 2],
+            cam, centres, cell, profile, whole, position[n, 0], position[n, 1], position[n, 2],
             shift[n], count_alone,
             pixel, share, gradient, start[n], corner, pieces, box, window, bent, left, inverse,
             crossing, column, patch,

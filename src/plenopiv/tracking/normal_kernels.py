@@ -55,6 +55,49 @@ def own_equations(
 
 
 @kernel
+def telling_entries(
+    begin: int, end: int,
+    start: Int, pixel: NDArray[np.int32], share: NDArray[np.float32], gradient: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    telling: float,  # of what an entry says on the average, that an entry must say to be kept
+    told: NDArray[np.bool_], count: Int,  # (m,), (n,), filled: which are kept, and how many of each particle's
+) -> None:  # fmt: skip
+    """Which entries of the particles ``begin`` to ``end`` say something: squares of derivatives over standard
+    deviations, each as a share of the particle's."""
+    for i in range(begin, end):
+        own_x, own_y, own_z, own_e = 0.0, 0.0, 0.0, 0.0
+        for e in range(start[i], start[i + 1]):
+            square = np.float64(weight[pixel[e]]) ** 2
+            own_x += square * gradient[e, 0] ** 2
+            own_y += square * gradient[e, 1] ** 2
+            own_z += square * gradient[e, 2] ** 2
+            own_e += square * share[e] ** 2
+        least = 4.0 * telling / max(start[i + 1] - start[i], 1)
+        of_x, of_y, of_z, of_e = 1.0 / own_x, 1.0 / own_y, 1.0 / own_z, 1.0 / own_e
+        kept = 0
+        for e in range(start[i], start[i + 1]):
+            square = np.float64(weight[pixel[e]]) ** 2
+            said = square * (
+                of_x * gradient[e, 0] ** 2 + of_y * gradient[e, 1] ** 2 + of_z * gradient[e, 2] ** 2
+                + of_e * share[e] ** 2
+            )  # fmt: skip
+            told[e] = not said < least  # all of them where no pixel can be used
+            kept += told[e]
+        count[i] = kept
+
+
+@kernel
+def pick(begin: int, end: int, start: Int, told: NDArray[np.bool_], kept_start: Int, entry: NDArray[np.int32]) -> None:
+    """The numbers of the entries that are kept of the particles ``begin`` to ``end``."""
+    for i in range(begin, end):
+        to = kept_start[i]
+        for e in range(start[i], start[i + 1]):
+            if told[e]:
+                entry[to] = np.int32(e)
+                to += 1
+
+
+@kernel
 def by_pixels(
     start: Int, pixel: NDArray[np.int32],
     pixel_end: Int,  # (pixels,), zeros on entry, filled: where a pixel's entries end once sorted
@@ -79,18 +122,19 @@ def by_pixels(
 @kernel
 def whiten(
     begin: int, end: int,
-    start: Int, pixel: NDArray[np.int32], share: NDArray[np.float32], gradient: NDArray[np.float32],
+    start: Int, pixel: NDArray[np.int32], entry: NDArray[np.int32],  # of the entries kept
+    share: NDArray[np.float32], gradient: NDArray[np.float32],  # of all
     light: NDArray[np.float64], unit: NDArray[np.float64], weight: NDArray[np.float32], rank: NDArray[np.int32],
     whitened: NDArray[np.float32],  # (m, 4), filled
 ) -> None:  # fmt: skip
-    """Derivatives of each entry over its pixel's standard deviation, sorted by pixels."""
+    """Derivatives of each kept entry over its pixel's standard deviation, sorted by pixels."""
     for i in range(begin, end):
         ux, uy, uz, e0 = (
             np.float32(light[i] * unit[0]), np.float32(light[i] * unit[1]), np.float32(light[i] * unit[2]),
             np.float32(light[i]),
         )  # fmt: skip
-        for e in range(start[i], start[i + 1]):
-            w, to = weight[pixel[e]], rank[e]
+        for k in range(start[i], start[i + 1]):
+            w, to, e = weight[pixel[k]], rank[k], entry[k]
             whitened[to, 0] = w * ux * gradient[e, 0]
             whitened[to, 1] = w * uy * gradient[e, 1]
             whitened[to, 2] = w * uz * gradient[e, 2]

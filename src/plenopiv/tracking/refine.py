@@ -99,10 +99,12 @@ def refine(
     lights: Lights | None = None,
     still: float = 0.0,
     near: float = 0.0,
+    tolerance: float = TOLERANCE,
 ) -> Fit:
     """Fit particles by ``iterations`` of Gauss-Newton, at most, from positions (n, 3) mm and light (n,) counts.
     ``lights``: of the positions, where it is known; ``still``: the root of chi^2 that a particle must gain to move;
-    ``near``: units of ``Lights.unit_mm`` within which light follows its derivatives, without being computed anew."""
+    ``near``: units of ``Lights.unit_mm`` within which light follows its derivatives, without being computed anew;
+    ``tolerance``: of conjugate gradients."""
     first = [of_points(position_mm) if lights is None else lights]
     del lights  # handed on by pop(), so that what is moved is let go
     position, light, lights = stepped(

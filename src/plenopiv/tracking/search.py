@@ -50,36 +50,47 @@ def _scores(
     score: NDArray[np.float32],  # (nz, ny, nx), filled
 ) -> None:  # fmt: skip
     """Scores of the rows ``begin`` to ``end`` of places, k * ny + j, on a regular lattice of microlenses."""
-    ny, first = y_mm.size, ray.shape[0] // FIRST
+    ny, rays, e = y_mm.size, ray.shape[0], cam.image_scale
+    first, to_px = rays // FIRST, cam.pitch / cam.pixel
+    on_array, on_sensor = np.empty((rays, 2)), np.empty((rays, 2))
+    before = -1
     for row in range(begin, end):
         k, j = row // ny, row % ny
         distance = cam.object_distance - z_mm[k]
         a = 1.0 + cam.image_distance / distance - cam.image_distance / cam.focal
         b = -cam.image_distance / distance
+        if k != before:  # where rays are beside that through the middle: pitches along and across rows, pixels
+            before = k
+            for r in range(rays):
+                u, v = ray[r, 0], ray[r, 1]
+                on_array[r, 0] = a * (cam.cos * u + cam.sin * v) / cam.pitch
+                on_array[r, 1] = a * (cam.cos * v - cam.sin * u) / cam.pitch
+                on_sensor[r, 0], on_sensor[r, 1] = e * (1.0 - a) * u / cam.pixel, -e * (1.0 - a) * v / cam.pixel
         for i in range(x_mm.size):
             total, used = 0.0, 0
             image_s, image_t = b * x_mm[i], b * y_mm[j]
-            for r in range(ray.shape[0]):
+            ds, dt = image_s - cam.offset_s, image_t - cam.offset_t
+            along, across = (cam.cos * ds + cam.sin * dt) / cam.pitch, (cam.cos * dt - cam.sin * ds) / cam.pitch
+            column0 = cam.column0 - (cam.offset_s + e * image_s) / cam.pixel + 0.5
+            row0 = cam.row0 + (cam.offset_t + e * image_t) / cam.pixel + 0.5
+            for r in range(rays):
                 if r == first and total < poor * used:
                     used = 0
                     break
-                u, v = ray[r, 0], ray[r, 1]
-                ds, dt = a * u + image_s - cam.offset_s, a * v + image_t - cam.offset_t
-                along, across = (cam.cos * ds + cam.sin * dt) / cam.pitch, (cam.cos * dt - cam.sin * ds) / cam.pitch
-                lens_a, lens_b = nearest(cam.hexagonal, cam.row_spacing, along, across)
+                lens_a, lens_b = nearest(
+                    cam.hexagonal, cam.row_spacing, along + on_array[r, 0], across + on_array[r, 1]
+                )
                 if cam.hexagonal:
                     lens_a, lens_b = lens_a + 0.5 * (np.int64(lens_b) & 1), lens_b * cam.row_spacing
-                lens_s = cam.offset_s + (cam.cos * lens_a - cam.sin * lens_b) * cam.pitch
-                lens_t = cam.offset_t + (cam.sin * lens_a + cam.cos * lens_b) * cam.pitch
-                e = cam.image_scale
-                column = int(np.floor(cam.column0 - (lens_s + e * (image_s - (1.0 - a) * u)) / cam.pixel + 0.5))
-                line = int(np.floor(cam.row0 + (lens_t + e * (image_t - (1.0 - a) * v)) / cam.pixel + 0.5))
+                lens_s, lens_t = cam.cos * lens_a - cam.sin * lens_b, cam.sin * lens_a + cam.cos * lens_b
+                column = int(np.floor(column0 - lens_s * to_px + on_sensor[r, 0]))
+                line = int(np.floor(row0 + lens_t * to_px + on_sensor[r, 1]))
                 if 0 <= column < cam.columns and 0 <= line < cam.rows:
                     value = excess[line * cam.columns + column]
                     if not np.isnan(value):
                         total += value
                         used += 1
-            score[k, j, i] = total / sqrt(float(used)) if 2 * used > ray.shape[0] else 0.0
+            score[k, j, i] = total / sqrt(float(used)) if 2 * used > rays else 0.0
 
 
 def places_of_light(

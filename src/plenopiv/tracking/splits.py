@@ -17,15 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from plenopiv.tracking.light import LightOfPoints, Lights
+from plenopiv.threads import in_threads
+from plenopiv.tracking.equations import entries
+from plenopiv.tracking.light import LightOfPoints
 from plenopiv.tracking.refine import Fit
+from plenopiv.tracking.split_kernels import FREE, TERMS, derivative_equations
 
 CROWDED, BRIGHT = 1.1, 1.25  # times the median's misfit, or light, from which on a particle is looked at
 LEAST = 20.0  # by which the second derivatives must lower chi^2: they show but a part of what two particles explain
-STEP = 0.5  # units of ``Lights.unit_mm``, of the differences that second derivatives are taken from
+STEPS = 0.25 * np.concatenate([np.eye(3), -np.eye(3)])  # units, at which derivatives are taken
 LEAST_HALF = 0.1  # units from the midst: nearer than that there is no pair, but light that is spread less
 NEAREST, FARTHEST = 0.5, 4.0  # units from the midst at which both are begun
-FREE = 5  # parameters of one particle: stray light, light, place
 TOGETHER = 2000  # particles looked at at a time
 RIDGE, NOTHING = 1e-6, 1e-12  # of each parameter's own information, and of one without any
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -39,20 +41,46 @@ def splits(
     """Which particles (m,) of a fit may be two, of those ``asked`` (n,), and where from there (m, 3) mm either of the
     two is. ``misfits`` (n,): of ``evidence.misfit``."""
     which, unit = np.flatnonzero(asked), fit.lights.unit_mm
-    steps = STEP * np.concatenate([np.diag(unit), -np.diag(unit)])
-    found, half = list[int](), list[Array]()
+    found, half = [np.empty(0, np.int64)], [np.empty((0, 3))]
     for first in range(0, len(which), TOGETHER):
         some = which[first : first + TOGETHER]
-        moved = of_points((fit.position_mm[some, None] + steps).reshape(-1, 3))
-        for n, particle in enumerate(some.tolist()):
-            pixel, terms = _derivatives(fit.lights, particle, moved, len(steps) * n)
-            terms *= fit.light[particle]
-            weight = fit.weight[pixel].astype(np.float64)
-            gain, offset = _pair(terms * weight[:, None], fit.residual[pixel] * weight)
-            if gain > LEAST * max(misfits[particle], 1.0) and offset is not None:
-                found.append(particle)
-                half.append(offset * unit)
-    return np.array(found, np.int64), np.array(half).reshape(-1, 3)
+        gain, offset = pairs(*equations(of_points, fit, some))
+        two = (gain > LEAST * np.maximum(misfits[some], 1.0)) & np.isfinite(offset).all(1)
+        found.append(some[two])
+        half.append(offset[two] * unit)
+    return np.concatenate(found), np.concatenate(half)
+
+
+def equations(of_points: LightOfPoints, fit: Fit, which: NDArray[np.int64]) -> tuple[Array, Array]:
+    """The normal equations (m, 11, 11) and right sides (m, 11) of the particles ``which`` (m,) of a fit: of stray
+    light, light, place and the second derivatives by xx, yy, zz, xy, xz, yz, in units."""
+    lights = fit.lights
+    moved = of_points((fit.position_mm[which, None] + STEPS * lights.unit_mm).reshape(-1, 3))
+    normal, right = np.empty((len(which), TERMS, TERMS)), np.empty((len(which), TERMS))
+    in_threads(
+        derivative_equations, len(which), which, *entries(lights), moved.start, moved.pixel, moved.gradient,
+        STEPS, lights.unit_mm, fit.light, fit.weight, fit.residual, normal, right,
+    )  # fmt: skip
+    return normal, right
+
+
+def pairs(normal: Array, right: Array) -> tuple[Array, Array]:
+    """By how much the second derivatives lower chi^2 (m,), all terms free; and where from the midst either of a pair is
+    (m, 3), in units, NaN where they show none. Equations as of ``equations``."""
+    known = normal.copy()
+    diagonal = np.einsum("nii->ni", known)
+    diagonal *= 1.0 + RIDGE
+    diagonal += NOTHING
+    whole = np.linalg.solve(known, right[:, :, None])[:, :, 0]
+    alone = np.linalg.solve(known[:, :FREE, :FREE], right[:, :FREE, None])[:, :, 0]
+    gain = np.einsum("ni,ni->n", right, whole) - np.einsum("ni,ni->n", right[:, :FREE], alone)
+    matrix = np.empty((len(right), 3, 3))
+    for k, (i, j) in enumerate(PAIRS):
+        matrix[:, i, j] = matrix[:, j, i] = whole[:, FREE + k]
+    values, vectors = np.linalg.eigh(matrix)
+    half = np.sqrt(2.0 * np.maximum(values[:, -1], 0.0))
+    half = np.where(half > LEAST_HALF, np.clip(half, NEAREST, FARTHEST), np.nan)
+    return gain, vectors[:, :, -1] * half[:, None]
 
 
 def crowded(fit: Fit, misfits: Array) -> NDArray[np.bool_]:
@@ -66,40 +94,3 @@ def near_any(position_mm: Array, others_mm: Array, unit_mm: Array) -> NDArray[np
     if not len(others_mm):
         return np.zeros(len(position_mm), bool)
     return np.asarray(cKDTree(others_mm / unit_mm).query(position_mm / unit_mm)[0] < 1.0)
-
-
-def _derivatives(lights: Lights, particle: int, moved: Lights, first: int) -> tuple[NDArray[np.int32], Array]:
-    """The pixels (p,) of a particle and its light in them (p, 11): the same in all, share, derivatives by place, and
-    the six second ones, from the six points from ``first`` on of ``moved``; lengths in units."""
-    unit = lights.unit_mm
-    own, around = slice(*lights.start[[particle, particle + 1]]), slice(*moved.start[[first, first + 6]])
-    pixel, at = np.unique(np.concatenate([lights.pixel[own], moved.pixel[around]]), return_inverse=True)
-    here, there = at[: own.stop - own.start], at[own.stop - own.start :]
-    terms = np.empty((len(pixel), FREE + len(PAIRS)))
-    terms[:, 0] = 1.0 / len(pixel)
-    terms[:, 1] = np.bincount(here, lights.share[own], len(pixel))
-    for axis in range(3):
-        terms[:, 2 + axis] = np.bincount(here, lights.gradient[own, axis] * unit[axis], len(pixel))
-    step = np.repeat(np.arange(6), np.diff(moved.start[first : first + 7]))
-    change = moved.gradient[around] * (unit * np.where(step < 3, 0.5, -0.5)[:, None] / STEP)
-    place = (9 * there + 3 * (step % 3))[:, None] + np.arange(3)
-    second = np.bincount(place.ravel(), change.ravel(), 9 * len(pixel)).reshape(-1, 3, 3)
-    for k, (i, j) in enumerate(PAIRS):
-        terms[:, FREE + k] = second[:, i, i] if i == j else second[:, i, j] + second[:, j, i]
-    return pixel, terms
-
-
-def _pair(terms: Array, left: Array) -> tuple[float, Array | None]:
-    """By how much the second derivatives, the last ``terms`` (n, 11), lower chi^2 of what is ``left`` (n,), all terms
-    free; and where from the midst either of a pair is, in units, or None where they show no pair."""
-    normal, right = terms.T @ terms, terms.T @ left
-    diagonal = np.diag_indices(len(normal))
-    normal[diagonal] = (1.0 + RIDGE) * normal[diagonal] + NOTHING
-    whole, alone = np.linalg.solve(normal, right), np.linalg.solve(normal[:FREE, :FREE], right[:FREE])
-    gain = float(right @ whole - right[:FREE] @ alone)
-    matrix = np.zeros((3, 3))
-    for value, (i, j) in zip(whole[FREE:], PAIRS, strict=True):
-        matrix[i, j] = matrix[j, i] = value
-    values, vectors = np.linalg.eigh(matrix)
-    half = (2.0 * max(values[-1], 0.0)) ** 0.5
-    return gain, vectors[:, -1] * float(np.clip(half, NEAREST, FARTHEST)) if half > LEAST_HALF else None
