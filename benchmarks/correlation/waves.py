@@ -53,7 +53,7 @@ def amplitudes(field: DisplacementField, wave: np.ndarray, across: int, axis: in
     far = (place > place.min() + 0.5 * DEFAULT.windows[-1][axis]) & (
         place < place.max() - 0.5 * DEFAULT.windows[-1][axis]
     )
-    inside = far & kept
+    inside = far & kept & np.isfinite(field.displacement).all(axis=0)
     moved, true = (field.displacement[across] - DRIFT[across])[inside], wave[inside]
     return np.array([moved @ true, true @ true])
 
@@ -91,6 +91,8 @@ def reconstructed_pairs(axis: int, across: int, windows: float) -> Any:
     from plenopiv.simulation.simulated_recording import Seeding, simulate_recording
 
     condition = CONDITIONS["base"]
+    if axis == 1:  # the longer side along the wave
+        condition = replace(condition, columns=condition.rows, rows=condition.columns)
     voxel = np.array(condition.voxel_mm())
     k = 2 * np.pi / (windows * DEFAULT.windows[-1][axis] * voxel[axis])
     phase = np.random.default_rng(7).uniform(0, 2 * np.pi)
