@@ -68,3 +68,28 @@ def test_wrong_links_are_left_out(fields):
 def test_too_few_tracks():
     with pytest.raises(PlenoPIVError, match=r"10 tracks and nodes 0\.2 mm apart make no field"):
         field_from_tracks(np.zeros((10, 3)), np.zeros((10, 3)), np.ones((10, 3)), LIMITS, 0.2)
+
+
+def test_error_bars_know_what_nodes_do_not_resolve():
+    """A wave of two and a half nodes on one side of the volume, none on the other."""
+    rng = np.random.default_rng(6)
+    position = rng.uniform(-1.0, 1.0, (1500, 3))
+    std = np.full(position.shape, 0.002)
+    limits = ((-1.0, 1.0),) * 3
+
+    def flow(at):
+        bends = np.where(at[:, 0] > 0.0, np.sin(2 * np.pi * at[:, 1] / 0.8), 0.0) * np.abs(at[:, 0])
+        return np.stack([0 * bends, 0 * bends, 0.1 * bends], -1)
+
+    velocity = flow(position) + std * rng.standard_normal(position.shape)
+    field = field_from_tracks(position, velocity, std, limits, 0.33)
+    places = rng.uniform(-0.8, 0.8, (800, 3))
+    found, bars = field.velocity(places)
+    off, bends = np.abs(found - flow(places))[:, 2], places[:, 0] > 0.3
+    assert field.used[position[:, 0] > 0.3].all()  # what is missed where all are missed is no wrong link
+    assert 0.7 < np.sqrt((bars[bends, 2] ** 2).mean() / (off[bends] ** 2).mean()) < 1.3
+    assert (off < 2 * bars[:, 2])[bends].mean() > 0.85
+    even = places[:, 0] < -0.3
+    assert bars[even, 2].mean() < 0.5 * bars[bends, 2].mean()
+    scatter = np.stack([field._basis(places) @ each.T for each in field.coefficients[1:]]).std(0)
+    assert (off < 2 * scatter[:, 2])[bends].mean() < (off < 2 * bars[:, 2])[bends].mean()

@@ -8,8 +8,9 @@ Int. Symp. on Applications of Laser Techniques to Fluid Mechanics). Their coeffi
 the last over the nodes. The smoothing is the one that tells a fifth of the tracks best from the others
 (cross-validation, Wahba 1990, Spline Models for Observational Data): it needs no errors s_i of the right size, only
 their ratios. Error bars are the scatter of fits to data that carry errors again, s_i or, where residuals are larger
-than these, as large; what nodes or smoothing do not resolve is not in them. The normal equations are a band, factorised
-by Cholesky's method: a second for 8000 coefficients. ``parts`` takes larger volumes.
+than these, as large; to that comes what nodes and smoothing do not resolve, in a direction or in all: by how
+much tracks nearby that are held out are missed by more than their errors and that scatter. The normal equations are a
+band, factorised by Cholesky's method: a second for 8000 coefficients. ``parts`` takes larger volumes.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.sparse import block_diag, coo_array, csr_array, eye_array, hstack, kron
+from scipy.spatial import cKDTree
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.volume import Limits
@@ -35,7 +37,11 @@ LARGEST = 16.0  # squared residual, in variances, that a track held out counts a
 PAST = 1.02  # times the least error is past the best smoothing
 RIDGE = 1e-9  # of the data's information, on every coefficient
 LEAST_TRACKS = 64
-OUTLYING = 4.0  # standard deviations of its residual from which a track is left out of a second fit
+TURNS = 2  # folds that what is not resolved is taken from, ...
+NEARBY = 32  # ... and how many tracks of these, at a point
+OUTLYING = 4.0  # standard deviations of its residual from which a track is left out of a second fit, ...
+AROUND = 16  # ... of the median's of so many tracks about it, where the field resolves less than elsewhere
+MEDIAN_SQUARE = 0.455  # of a normal deviate
 
 Array = NDArray[np.float64]
 
@@ -44,7 +50,9 @@ Array = NDArray[np.float64]
 class TrackField:
     """Cubic B-splines. ``coefficients`` (repeats + 1, 3, n), the fit first; ``low_mm``, ``step_mm`` (3,) and ``nodes``
     (3,) along x, y, z; ``smoothing`` that was chosen; ``chi2`` per component; ``scale``: of the tracks' standard
-    deviations in the error bars; ``used`` (k,): tracks not left out."""
+    deviations in the error bars; ``used`` (k,): tracks not left out; ``held_mm``, ``missed`` and ``known`` (m, 3):
+    where tracks are that were held out, by how much the square of what they are missed by is more than errors explain,
+    (m/s)^2, and how well that is known, one over its variance."""
 
     coefficients: Array
     low_mm: Array
@@ -54,12 +62,28 @@ class TrackField:
     chi2: float
     scale: float
     used: NDArray[np.bool_]
+    held_mm: Array
+    missed: Array
+    known: Array
 
     def velocity(self, points_mm: ArrayLike) -> tuple[Array, Array]:
         """Velocity and its standard deviation, both (n, 3) in m/s, at points (n, 3) in mm within the grid."""
         basis = self._basis(points_mm)
         values = np.stack([basis @ each.T for each in self.coefficients])
-        return values[0], values[1:].std(0)
+        return values[0], np.sqrt(values[1:].var(0) + self._unresolved(points_mm))
+
+    def _unresolved(self, points_mm: ArrayLike) -> Array:
+        """Variance (n, 3) of what the field does not resolve at points: the mean over tracks nearby, of a component by
+        itself or of all three, whichever is more, less its own standard error, so that noise alone adds little."""
+        count = min(NEARBY, len(self.held_mm))
+        near = cKDTree(self.held_mm).query(np.asarray(points_mm, np.float64), count)[1]
+        missed, known = self.missed[near], self.known[near]  # (n, count, 3)
+        whole = known.sum((1, 2))[:, None]
+        mean = (known * missed).sum((1, 2))[:, None] / whole
+        error = np.sqrt(((known * (missed - mean[:, :, None])) ** 2).sum((1, 2)))[:, None] / whole
+        own = (known * missed).sum(1) / known.sum(1)
+        of_own = np.sqrt(((known * (missed - own[:, None])) ** 2).sum(1)) / known.sum(1)
+        return np.asarray(np.maximum(np.maximum(mean - error, own - of_own), 0.0))
 
     def gradient(self, points_mm: ArrayLike) -> Array:
         """du_i/dx_j (n, 3, 3) in 1/s at points (n, 3) in mm."""
@@ -102,10 +126,12 @@ def field_from_tracks(
     basis = _basis(position, low, step_mm, nodes)
     used: NDArray[np.bool_] = np.asarray(inside, np.bool_)
     smoothing, error = _chosen(basis[used], velocity[used], std[used], penalty)
+    around = np.flatnonzero(inside)[cKDTree(position[inside]).query(position, min(AROUND, int(inside.sum())))[1]]
     for _ in range(2):  # wrong links draw their neighbours along: these are taken back
         first = _solution(basis[used], velocity[used][None], std[used], penalty, smoothing)[0]
         left = np.abs(basis @ first.T - velocity) / std
-        used = np.asarray(inside & (left < OUTLYING * max(error, 1.0) ** 0.5).all(1), np.bool_)
+        typical = np.maximum(np.median(left[around], 1) ** 2 / MEDIAN_SQUARE, max(error, 1.0))
+        used = np.asarray(inside & (left < OUTLYING * np.sqrt(typical)).all(1), np.bool_)
     basis, velocity, std = basis[used], velocity[used], std[used]
     noise = std * np.random.default_rng(seed).standard_normal((REPEATS, *std.shape))
     found = _solution(basis, np.concatenate([velocity[None], velocity + noise]), std, penalty, smoothing)
@@ -114,7 +140,23 @@ def field_from_tracks(
     free = 1.0 - float(np.mean(np.stack(followed) * noise / std**2))
     scale = max(chi2 / max(free, 0.1), 1.0) ** 0.5
     found[1:] = found[0] + scale * (found[1:] - found[0])
-    return TrackField(found, low, step_mm, nodes, smoothing, chi2, scale, used)
+    held, missed = _missed(basis, velocity, std, penalty, smoothing)
+    spread = (scale * std[held]) ** 2 + np.stack([basis[held] @ each.T for each in found[1:]]).var(0)
+    known = 1.0 / spread**2
+    of_held = position[used][held], missed**2 - spread, known
+    return TrackField(found, low, step_mm, nodes, smoothing, chi2, scale, used, *of_held)
+
+
+def _missed(
+    basis: csr_array, velocity: Array, std: Array, penalty: csr_array, smoothing: float
+) -> tuple[NDArray[np.bool_], Array]:
+    """Which tracks (n,) were held out, and by how much these (m, 3) are missed by the fit to those of other folds."""
+    fold, out = np.arange(len(velocity)) % HELD_OUT, np.empty_like(velocity)
+    for turn in range(TURNS):
+        held = fold == turn
+        found = _solution(basis[~held], velocity[~held][None], std[~held], penalty, smoothing)[0]
+        out[held] = basis[held] @ found.T - velocity[held]
+    return fold < TURNS, out[fold < TURNS]
 
 
 def _chosen(basis: csr_array, velocity: Array, std: Array, penalty: csr_array) -> tuple[float, float]:
