@@ -1,5 +1,7 @@
 """Normal equations of particles that share pixels, and lists of pixels: against dense matrices in plain NumPy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from particle_scenes import CAMERA, GAIN, LIMITS, noisy, pixels_of, seeded
@@ -58,6 +60,20 @@ def test_entries_that_say_little_are_left_out(scene):
     assert 1e-5 < lost.mean() < 0.004
     scale = np.sqrt(every.diagonal())
     assert np.abs((some - every).toarray() / scale / scale[:, None]).max() < 0.01
+
+
+def test_nothing_is_left_out_of_lights_that_overlap(scene):
+    lights, light, weight, _ = scene
+    overlapping = replace(lights, overlap=True)
+    every = normal_equations(lights, light, weight, telling=0.0)
+    assert (normal_equations(overlapping, light, weight) != every).nnz == 0
+    assert (
+        overlapping.of(np.array([1, 2]))
+        .with_others(np.array([0]), overlapping)
+        .shifted(np.array([0]), np.zeros((1, 3)))
+        .overlap
+    )
+    assert PointLights(replace(CAMERA, blur_mm=0.02))([[0.0, 0.0, 1.0]]).overlap
 
 
 def test_particles_whose_pixels_cannot_be_used_have_blocks(scene):

@@ -77,7 +77,8 @@ def own_equations(lights: Lights, light: Array, weight: Single, pull: Single) ->
 
 def normal_equations(lights: Lights, light: Array, weight: Single, telling: float = TELLING) -> bsr_array:
     """The normal equations (4n, 4n) of particles, in blocks. Entries that say less than ``telling`` of what a
-    particle's say on the average are left out."""
+    particle's say on the average are left out, but for lights that overlap: together these would say much."""
+    telling = 0.0 if lights.overlap else telling
     n, start = len(light), np.zeros(len(light) + 1, np.int64)
     told, count = np.empty(len(lights.pixel), np.bool_), np.empty(n, np.int64)
     in_threads(normal_kernels.telling_entries, n, *entries(lights), weight, telling, told, count)

@@ -41,6 +41,7 @@ class Lights:
     ``start`` (n + 1,); ``pixel`` (m,), row * columns + column of an upright image; ``share`` (m,) of the point's light;
     ``gradient`` (m, 3): change of the share per mm of x, y, z. A pixel that two microlenses of a point light is listed
     twice. ``unit_mm`` (3,): of x, y, z in the equations that these make, about what moves a point's light by a pixel.
+    ``overlap``: many faint entries, of several microlenses, add up in a pixel.
     """
 
     start: NDArray[np.int64]
@@ -48,6 +49,7 @@ class Lights:
     share: NDArray[np.float32]
     gradient: NDArray[np.float32]
     unit_mm: Array = field(default_factory=UNIT_MM.copy)
+    overlap: bool = False
 
     @property
     def point(self) -> NDArray[np.int64]:
@@ -79,7 +81,7 @@ class Lights:
         """The same with the points ``which`` (k,) moved by small steps (k, 3) in mm, to first order."""
         share = self.share.copy()
         entry_kernels.shift_shares(self.start, self.gradient, which, np.asarray(by_mm, np.float64), share)
-        return Lights(self.start, self.pixel, share, self.gradient, self.unit_mm)
+        return Lights(self.start, self.pixel, share, self.gradient, self.unit_mm, self.overlap)
 
     def whole(self) -> Array:
         """The share of each point's light that falls on the sensor (n,)."""
@@ -98,6 +100,7 @@ def _taken(first: Lights, second: Lights, source: NDArray[np.int64], count: NDAr
         np.empty(start[-1], np.float32),
         np.empty((start[-1], 3), np.float32),
         first.unit_mm,
+        first.overlap,
     )
     parts = (*_arrays(first), *_arrays(second), source.astype(np.int64), *_arrays(out))
     in_threads(entry_kernels.take_entries, len(source), *parts)
@@ -213,7 +216,8 @@ class PointLights:
         in_threads(self._kernel, len(position), *fixed, False, start, count, *filled)  # fewer than there may be
         entry_kernels.close_up(start, count, *filled)
         pixel, share, gradient = filled
-        return Lights(start, pixel[: start[-1]], share[: start[-1]], gradient[: start[-1]])
+        soft = self._kernel is not kernels.light_of_points
+        return Lights(start, pixel[: start[-1]], share[: start[-1]], gradient[: start[-1]], overlap=soft)
 
     def _shifts(self, position: Array) -> Array:
         """Of each point (n, terms, 2): the polynomial in a ray's place on the main lens of how far it falls beside."""
