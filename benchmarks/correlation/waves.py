@@ -53,7 +53,7 @@ def amplitudes(field: DisplacementField, wave: np.ndarray, across: int, axis: in
     far = (place > place.min() + 0.5 * DEFAULT.windows[-1][axis]) & (
         place < place.max() - 0.5 * DEFAULT.windows[-1][axis]
     )
-    inside = far & kept & np.isfinite(field.displacement).all(axis=0)
+    inside = far & kept
     moved, true = (field.displacement[across] - DRIFT[across])[inside], wave[inside]
     return np.array([moved @ true, true @ true])
 

@@ -34,10 +34,13 @@ def test_light_from_the_table_is_that_of_edges(camera, place, monkeypatch):
 def test_sizes_are_made_when_they_are_asked_for():
     corner = np.array([(0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)])
     tables = CellTables(corner, 0.2, LARGEST_PX)
-    tables.make(np.array([1.0]))
+    tables.make(np.array([1.02]))
     assert tables._made.sum() == 1
-    tables.make(np.array([1.0, 0.5, 10.0 * LARGEST_PX, 0.0]))  # beyond both ends there are none
+    tables.make(np.array([1.02, 0.5, 10.0 * LARGEST_PX, 0.0]))  # beyond both ends there are none
     assert tables._made.sum() == 2
+    between = CellTables(corner, 0.2, LARGEST_PX)
+    between.make(np.array([3.5 * between.cells.size_step]))  # a kernel may take either side of it
+    assert np.flatnonzero(between._made).tolist() == [2, 3]
     assert cell_tables(corner, 0.5 * SHARPEST_PX).cells.values.size == 0
     assert cell_tables(corner, 0.2) is cell_tables(corner.copy(), 0.2)
 

@@ -140,7 +140,7 @@ def field_from_tracks(
     free = 1.0 - float(np.mean(np.stack(followed) * noise / std**2))
     scale = max(chi2 / max(free, 0.1), 1.0) ** 0.5
     found[1:] = found[0] + scale * (found[1:] - found[0])
-    held, missed = _missed(basis, velocity, std, penalty, smoothing)
+    held, missed = _missed(basis, velocity, std, penalty, smoothing, TURNS)
     spread = (scale * std[held]) ** 2 + np.stack([basis[held] @ each.T for each in found[1:]]).var(0)
     known = 1.0 / spread**2
     of_held = position[used][held], missed**2 - spread, known
@@ -148,29 +148,26 @@ def field_from_tracks(
 
 
 def _missed(
-    basis: csr_array, velocity: Array, std: Array, penalty: csr_array, smoothing: float
+    basis: csr_array, velocity: Array, std: Array, penalty: csr_array, smoothing: float, turns: int
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Which tracks (n,) were held out, and by how much these (m, 3) are missed by the fit to those of other folds."""
-    fold, out = np.arange(len(velocity)) % HELD_OUT, np.empty_like(velocity)
-    for turn in range(TURNS):
+    """Which tracks (n,) are held out, those of the first ``turns`` folds, and by how much these (m, 3) are missed by
+    the fit to the tracks of the other folds."""
+    fold = np.arange(len(velocity)) % HELD_OUT  # in whatever order tracks are, all over the volume
+    out = np.empty_like(velocity)
+    for turn in range(turns):
         held = fold == turn
         found = _solution(basis[~held], velocity[~held][None], std[~held], penalty, smoothing)[0]
         out[held] = basis[held] @ found.T - velocity[held]
-    return fold < TURNS, out[fold < TURNS]
+    return fold < turns, out[fold < turns]
 
 
 def _chosen(basis: csr_array, velocity: Array, std: Array, penalty: csr_array) -> tuple[float, float]:
     """The smoothing that tells tracks held out best, and their squared error in variances of the tracks."""
-    fold = np.arange(len(velocity)) % HELD_OUT  # in whatever order tracks are, all over the volume
     turns = HELD_OUT if len(velocity) < MANY else 1
     errors: list[float] = []
     for smoothing in SMOOTHINGS:
-        missed = []
-        for turn in range(turns):
-            held = fold == turn
-            found = _solution(basis[~held], velocity[~held][None], std[~held], penalty, smoothing)[0]
-            missed.append(((basis[held] @ found.T - velocity[held]) / std[held]) ** 2)
-        errors.append(float(np.minimum(np.concatenate(missed), LARGEST).mean()))
+        held, missed = _missed(basis, velocity, std, penalty, smoothing, turns)
+        errors.append(float(np.minimum((missed / std[held]) ** 2, LARGEST).mean()))
         if errors[-1] > PAST * min(errors):
             break
     best = int(np.argmin(errors))

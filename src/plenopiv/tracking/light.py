@@ -18,7 +18,7 @@ from plenopiv.tracking import entry_kernels
 from plenopiv.tracking import light_kernels as kernels
 from plenopiv.tracking import soft_light_kernels as soft_kernels
 from plenopiv.tracking.bent_cells import SHIFT_POWERS
-from plenopiv.tracking.edge_integrals import EDGE, TAIL, pixel_profile
+from plenopiv.tracking.edge_integrals import EDGE, TAIL
 from plenopiv.tracking.light_kernels import LightConstants
 from plenopiv.tracking.search import POOR, places_of_light
 from plenopiv.tracking.soft_cells import LEAST, soft_cell, weights_of_sub_pixels
@@ -162,14 +162,19 @@ class PointLights:
         self.camera, self.left = camera, left
         self.blur_px = max(diffraction_px(camera) if blur_px is None else blur_px, SHARPEST_PX)
         self._centres, self._cell, self.constants = _constants(camera, self.blur_px, growth)
-        self._kernel = kernels.light_of_points
-        outline = self._cell * [1.0, -1.0] / camera.lattice.pitch_mm
-        self._tables = cell_tables(outline, self.blur_px) if left is None else CellTables(outline, self.blur_px, 0.0)
-        self._of_cells: tuple[Any, ...] = self._cell, pixel_profile(self.blur_px), self._tables.cells
-        if camera.blur_mm > LEAST * camera.lattice.pitch_mm:
-            soft = soft_cell(self._cell, camera.lattice.pitch_mm, camera.blur_mm)
+        self._soft = camera.blur_mm > LEAST * camera.lattice.pitch_mm
+        self._kernel: Any
+        self._of_cells: tuple[Any, ...]
+        if self._soft:
+            cell = soft_cell(self._cell, camera.lattice.pitch_mm, camera.blur_mm)
             self._kernel = soft_kernels.soft_light_of_points
-            self._of_cells = soft, weights_of_sub_pixels(soft_kernels.PARTS, self.blur_px)
+            self._of_cells = cell, weights_of_sub_pixels(soft_kernels.PARTS, self.blur_px)
+        else:
+            outline = self._cell * [1.0, -1.0] / camera.lattice.pitch_mm
+            straight = left is None
+            self._tables = cell_tables(outline, self.blur_px) if straight else CellTables(outline, self.blur_px, 0.0)
+            self._kernel = kernels.light_of_points
+            self._of_cells = self._cell, self._tables.profile, self._tables.cells
         radius = self.constants.radius
         self._u_mm = on_disc(radius, SHIFT_PLACES)
         u, v = self._u_mm.T / radius
@@ -200,9 +205,9 @@ class PointLights:
             raise PlenoPIVError(f"tracking: a particle is not in front of the main lens at z = {nearest:g} mm")
         start, count = np.zeros(len(position) + 1, np.int64), np.empty(len(position), np.int64)
         nothing = np.empty(0, np.int32), np.empty(0, np.float32), np.empty((0, 3), np.float32)
-        if self._kernel is kernels.light_of_points:
+        if not self._soft:
             spread = self.camera.spread(position[:, 2])
-            of_pitch = (1.0 - spread) / np.maximum(np.abs(spread), kernels.SMALLEST_SPREAD)
+            of_pitch = np.abs(1.0 - spread) / np.maximum(np.abs(spread), kernels.SMALLEST_SPREAD)
             pixels_a_pitch = self.camera.lattice.pitch_mm / self.constants.pixel
             self._tables.make(self.constants.image_scale * of_pitch * pixels_a_pitch)
         fixed = self.constants, self._centres, *self._of_cells, position, self._shifts(position)
@@ -216,8 +221,7 @@ class PointLights:
         in_threads(self._kernel, len(position), *fixed, False, start, count, *filled)  # fewer than there may be
         entry_kernels.close_up(start, count, *filled)
         pixel, share, gradient = filled
-        soft = self._kernel is not kernels.light_of_points
-        return Lights(start, pixel[: start[-1]], share[: start[-1]], gradient[: start[-1]], overlap=soft)
+        return Lights(start, pixel[: start[-1]], share[: start[-1]], gradient[: start[-1]], overlap=self._soft)
 
     def _shifts(self, position: Array) -> Array:
         """Of each point (n, terms, 2): the polynomial in a ray's place on the main lens of how far it falls beside."""

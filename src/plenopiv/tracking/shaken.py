@@ -12,7 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.tracking.frame import FIRST_LIGHT, NONE, ROUGHLY, FrameParticles, Progress, judged, with_noise
+from plenopiv.tracking.frame import (
+    FIRST_LIGHT,
+    LOOSE,
+    NONE,
+    ROUGHLY,
+    ROUGHLY_NEAR,
+    FrameParticles,
+    Progress,
+    judged,
+    with_noise,
+)
 from plenopiv.tracking.light import LightOfPoints, Lights
 from plenopiv.tracking.pixels import Pixels
 from plenopiv.tracking.refine import Prior, own_equations, pixel_weights, refine, residual_of, stepped
@@ -22,8 +32,6 @@ PRESENT = 0.4  # of its predicted light that a particle's pixels must hold
 PASSES = 3  # of steps and searches, at most
 MANY = 0.2  # share of particles found in a pass from which on another follows
 STEPS = 2  # Gauss-Newton iterations of the last fit
-NEAR = 0.04  # units of ``Lights.unit_mm``, a few hundredths of a voxel, within which light follows its derivatives
-TOLERANCE = 1e-2  # of conjugate gradients in the first step
 POOR = 0.45  # share of the mean needed that the first rays of a place must show: new particles are not faint
 NOISE_OF = 40_000  # pixels that noise is measured on
 NEIGHBOURS = 12  # whose parameters are free in the error bars
@@ -59,7 +67,7 @@ def particles_of_prediction(
     position, light, lights = position_mm[origin], light[origin], lights.of(origin)
     for done in range(PASSES):
         position, light, lights = stepped(
-            of_points, pixels, position, light, prior, 1, lights, still=ROUGHLY, near=NEAR, tolerance=TOLERANCE
+            of_points, pixels, position, light, prior, 1, lights, still=ROUGHLY, near=ROUGHLY_NEAR, tolerance=LOOSE
         )
         pixels = with_noise(pixels, lights, light, NOISE_OF)
         residual, variance = residual_of(lights, pixels, light)
@@ -76,7 +84,7 @@ def particles_of_prediction(
         origin = np.concatenate([origin, np.full(len(new), -1)])
         if len(new) <= MANY * len(light):
             break
-    fit = refine(of_points, pixels, position, light, prior, STEPS, lights, ROUGHLY, NEAR)
+    fit = refine(of_points, pixels, position, light, prior, STEPS, lights, ROUGHLY, ROUGHLY_NEAR)
     found, kept = judged(fit, pixels, NEIGHBOURS)
     return found, origin[kept]
 

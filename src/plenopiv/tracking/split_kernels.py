@@ -28,6 +28,15 @@ def _reach(
     return low, high, int(start[i + 1] - start[i] + last - first)
 
 
+@part
+def _row_of(pixel: int, low: int, place: NDArray[np.int32], mine: NDArray[np.int32], terms: Array, count: int) -> int:
+    """Which row of ``terms`` is the pixel's; the next one, ``count``, begun at zero, where it has none yet."""
+    if place[pixel - low] < 0:
+        place[pixel - low], mine[count] = count, pixel
+        terms[count] = 0.0
+    return int(place[pixel - low])
+
+
 @kernel
 def derivative_equations(
     begin: int, end: int,
@@ -56,23 +65,15 @@ def derivative_equations(
         low, _, _ = _reach(i, steps, n, start, pixel, moved_start, moved_pixel)
         count = 0
         for e in range(start[i], start[i + 1]):
-            p = pixel[e] - low
-            if place[p] < 0:
-                place[p], mine[count] = count, pixel[e]
-                terms[count] = 0.0
-                count += 1
-            at = place[p]
+            at = _row_of(pixel[e], low, place, mine, terms, count)
+            count = max(count, at + 1)
             terms[at, 1] += share[e]
             for q in range(3):
                 terms[at, 2 + q] += gradient[e, q] * unit[q]
         for s in range(steps):
             for e in range(moved_start[steps * n + s], moved_start[steps * n + s + 1]):
-                p = moved_pixel[e] - low
-                if place[p] < 0:
-                    place[p], mine[count] = count, moved_pixel[e]
-                    terms[count] = 0.0
-                    count += 1
-                at = place[p]
+                at = _row_of(moved_pixel[e], low, place, mine, terms, count)
+                count = max(count, at + 1)
                 gx, gy, gz = (
                     moved_gradient[e, 0] * unit[0] / square, moved_gradient[e, 1] * unit[1] / square,
                     moved_gradient[e, 2] * unit[2] / square,

@@ -24,6 +24,7 @@ STEPS = 5.0  # of a cell's place in a standard deviation of the blur: derivative
 SIZE_STEPS = 2.0  # steps of place in one of size: an edge is half a size from the middle
 LARGEST_PX = 3.0  # per pitch: of larger cells few are whole
 SHARPEST_PX = 0.1  # standard deviation of the blur below which a table would be too large
+ROUNDING = 1e-9  # of a size, by which kernels may know it otherwise: both sizes are made where it is between two
 VALUES = 10  # F / q^2, its derivatives by x, y, q, and by xx, xy, yy, xq, yq, qq
 
 Array = NDArray[np.float64]
@@ -47,7 +48,8 @@ class CellTables:
     of ``largest_px``; each size is tabulated when it is first asked for."""
 
     def __init__(self, corner: Array, blur_px: float, largest_px: float):
-        self._corner, self._profile, self._tail_px = corner, pixel_profile(blur_px), 0.5 + TAIL * blur_px
+        self.profile = pixel_profile(blur_px)
+        self._corner, self._tail_px = corner, 0.5 + TAIL * blur_px
         steps = ceil(STEPS / blur_px)
         size_step = SIZE_STEPS / steps
         count = int(largest_px / size_step)
@@ -61,7 +63,8 @@ class CellTables:
     def make(self, size_px: Array) -> None:
         """Fill in what cells of these sizes (n,) need."""
         cells = self.cells
-        number = np.floor(size_px / cells.size_step + 0.5) - 1
+        around = np.concatenate([size_px * (1.0 - ROUNDING), size_px * (1.0 + ROUNDING)])
+        number = np.floor(around / cells.size_step + 0.5) - 1
         for k in np.unique(number[(number >= 0) & (number < len(cells.half))]).astype(np.int64).tolist():
             if not self._made[k]:
                 cells.values[cells.first[k] : cells.first[k + 1]] = self._of_size(k).ravel()
@@ -71,7 +74,7 @@ class CellTables:
         steps, step = self.cells.steps, self.cells.size_step
         half = int(self.cells.half[k])
         around = np.empty((3, steps + 2, steps + 2, (2 * half + 1) ** 2, 4))
-        fixed = self._corner, self._tail_px, self._profile, (k + np.arange(3.0)) * step, half, steps
+        fixed = self._corner, self._tail_px, self.profile, (k + np.arange(3.0)) * step, half, steps
         in_threads(_tabulate, 3 * (steps + 2), *fixed, around)
         middle = around[1, 1:-1, 1:-1]
         by_y, by_x = ((around[1, 2:, 1:-1] - around[1, :-2, 1:-1]), (around[1, 1:-1, 2:] - around[1, 1:-1, :-2]))
