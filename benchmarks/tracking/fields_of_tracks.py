@@ -146,7 +146,7 @@ def _scored(
     chosen = ((at >= middle.min(0) + half) & (at <= middle.max(0) - half)).all(1)
     chosen &= (np.abs(at[:, :2]) + half[:2] <= seen).all(1) & np.isfinite(values).all(1)
     true = true_displacements(at[chosen], *truth, half)
-    window = values[chosen] if tracks is None else _linear_fits(tracks, at[chosen], half) / voxel
+    window = values[chosen] if tracks is None else linear_fits(tracks, at[chosen], half) / voxel
     moved = advect(velocity, at[chosen], 0.5 * DT_S) - advect(velocity, at[chosen], -0.5 * DT_S)
     off = {"window": window - true.window / voxel, "point": values[chosen] - moved / voxel}
     beyond = np.abs(at[chosen, 2]) > _zone_mm(condition)
@@ -160,7 +160,7 @@ def _scored(
     }
 
 
-def _linear_fits(tracks: xarray.Dataset, at_mm: Array, half_mm: Array) -> Array:
+def linear_fits(tracks: xarray.Dataset, at_mm: Array, half_mm: Array) -> Array:
     """Displacements (n, 3) in mm at ``at_mm`` of linear fits of the links in windows, each axis weighted with the
     links' error bars and, once more, with what the linear fit leaves beside these."""
     first = tracks.isel(obs=np.flatnonzero((tracks.frame.values == 0) & np.isfinite(tracks.u.values)))

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from plenopiv.errors import PlenoPIVError
+from plenopiv.threads import each_in_threads, one_blas_thread
 from plenopiv.tracking.field import LEAST_TRACKS, TrackField, field_from_tracks
 from plenopiv.volume import Limits, within
 
@@ -75,21 +76,32 @@ def field_on_grid(
     total, spread, weight = np.zeros((3, *shape)), np.zeros((3, *shape)), np.zeros(shape)
     used, fields = np.zeros(len(position), bool), list[TrackField]()
     parts = list(product(*cores))
-    for done, part in enumerate(parts, 1):
-        limits = [
-            (max(lo - BEYOND * step, a), min(hi + BEYOND * step, b))
-            for (lo, hi), (a, b) in zip(part, limits_mm, strict=True)
-        ]
-        own = ((position >= [lo for lo, _ in limits]) & (position <= [hi for _, hi in limits])).all(1)
-        if own.sum() >= LEAST_TRACKS:
-            box = limits[0], limits[1], limits[2]
-            tracks = position[own], velocity[own], std[own]
-            field = field_from_tracks(*tracks, box, step, divergence_free=divergence_free, seed=done)
-            used[np.flatnonzero(own)[field.used]] = True
-            fields.append(field)
-            _add(field, part, limits_mm, axes_mm, BEYOND * step, total, spread, weight)
-        if progress is not None:
-            progress(done, len(parts))
+
+    def made(number: int) -> tuple[NDArray[np.bool_], TrackField, tuple | None] | None:
+        box = _widened(parts[number], limits_mm, BEYOND * step)
+        own = within(position, box)
+        if own.sum() < LEAST_TRACKS:
+            return None
+        tracks = position[own], velocity[own], std[own]
+        field = field_from_tracks(*tracks, box, step, divergence_free=divergence_free, seed=number + 1)
+        own[own] = field.used
+        return own, field, _on_grid(field, parts[number], limits_mm, axes_mm, BEYOND * step)
+
+    # those of a size one after the other: their penalty is the same
+    order = sorted(range(len(parts)), key=lambda n: np.diff(_widened(parts[n], limits_mm, BEYOND * step)).tolist())
+    with one_blas_thread():
+        for done, found in enumerate(each_in_threads(made, order), 1):
+            if found is not None:
+                own, field, on_grid = found
+                used |= own
+                fields.append(field)
+                if on_grid is not None:
+                    where, share, values, errors = on_grid
+                    total[(slice(None), *where)] += values * share
+                    spread[(slice(None), *where)] += errors * share
+                    weight[where] += share
+            if progress is not None:
+                progress(done, len(parts))
     if not fields:
         raise PlenoPIVError(f"tracking: no part of the volume has {LEAST_TRACKS} tracks; there is no field")
     with np.errstate(invalid="ignore"):
@@ -102,6 +114,12 @@ def field_on_grid(
     return FieldOnGrid(total, spread, measured, step, *of_parts, float(1.0 - used.mean()))
 
 
+def _widened(part: tuple, limits: Limits, beyond: float) -> Limits:
+    """A part with what it shares with its neighbours."""
+    x, y, z = ((max(lo - beyond, a), min(hi + beyond, b)) for (lo, hi), (a, b) in zip(part, limits, strict=True))
+    return x, y, z
+
+
 def _cores(low: float, high: float, step: float) -> list[tuple[float, float]]:
     """The intervals along an axis that parts cover without their overlap."""
     count = max(round((high - low) / (CELLS * step)), 1)
@@ -109,11 +127,11 @@ def _cores(low: float, high: float, step: float) -> list[tuple[float, float]]:
     return list(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True))
 
 
-def _add(
-    field: TrackField, part: tuple, limits: Limits, axes: tuple[Array, ...], beyond: float,
-    total: Array, spread: Array, weight: Array,
-) -> None:  # fmt: skip
-    """Add the field of a part, weighed with its share of the points, in place."""
+def _on_grid(
+    field: TrackField, part: tuple, limits: Limits, axes: tuple[Array, ...], beyond: float
+) -> tuple[tuple, Array, Array, Array] | None:
+    """Where a part has a share in the points (nz, ny, nx) of the grid, its share of each, and its velocities and their
+    standard deviations (3, nz, ny, nx) there; None where it has none."""
     shares, places = [], []
     for (lo, hi), (low, high), axis in zip(part, limits, axes, strict=True):
         rise = np.ones(len(axis)) if lo <= low else np.clip((axis - lo) / (2 * beyond) + 0.5, 0.0, 1.0)
@@ -122,12 +140,10 @@ def _add(
         places.append(np.flatnonzero(share > 0))
         shares.append(share[places[-1]])
     if not all(len(place) for place in places):
-        return
+        return None
     (i, j, k), (x, y, z) = places, [axis[place] for axis, place in zip(axes, places, strict=True)]
     points = np.stack([each.ravel() for each in reversed(np.meshgrid(z, y, x, indexing="ij"))], -1)
     share = np.einsum("k,j,i->kji", *reversed(shares))
-    where = np.ix_(k, j, i)
-    for values, into in zip(field.velocity(points), (total, spread), strict=True):
-        for each, own in zip(into, values.T, strict=True):
-            each[where] += own.reshape(share.shape) * share
-    weight[where] += share
+    values, errors = (each.T.reshape(3, *share.shape) for each in field.velocity(points))
+    whole = tuple(slice(each[0], each[-1] + 1) for each in (k, j, i))  # places are without gaps
+    return whole, share, values, errors

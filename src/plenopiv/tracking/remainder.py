@@ -1,0 +1,83 @@
+"""What splines leave of scattered tracks, interpolated: flow finer than their nodes, where tracks tell of it.
+
+The remainder is taken as a random field of its own (kriging: Matheron 1963, Economic Geology 58; Rasmussen & Williams
+2006, Gaussian Processes for Machine Learning, eqs. 2.23 to 2.26) with the covariance s^2 (1 + r) exp(-r), r the
+distance in LENGTH mean distances between tracks. Its variance s^2 is that of the remainders nearby beyond the tracks'
+own errors, less its standard error: where noise alone is left next to nothing is added. Each component stands by
+itself, so that what is added is not free of divergence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+LENGTH = 0.85  # mean distances between tracks
+NEARBY = 32  # tracks that tell of a point
+AT_A_TIME = 2000  # points
+LEAST = 1e-3  # of the variance, that the tracks' errors are taken to have at least
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """``left`` (n, 3) in m/s at tracks at ``position_mm`` (n, 3), whose errors explain ``noise`` (n, 3), (m/s)^2, of
+    its square; ``spacing_mm``: mean distance between tracks."""
+
+    position_mm: Array
+    left: Array
+    noise: Array
+    spacing_mm: float
+
+    def at(self, points_mm: Array) -> tuple[Array, Array]:
+        """The remainder (m, 3) in m/s at points (m, 3) in mm, and the share (m, 3) of its variance that tracks do not
+        tell of."""
+        parts = [self._at(points_mm[n : n + AT_A_TIME]) for n in range(0, len(points_mm), AT_A_TIME)]
+        if not parts:
+            return np.zeros((0, 3)), np.ones((0, 3))
+        values, unknown = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return values, unknown
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.position_mm)
+
+    def _at(self, points: Array) -> tuple[Array, Array]:
+        far, near = self._tree.query(points, min(NEARBY, len(self.left)))
+        values, unknown = np.zeros((len(points), 3)), np.ones((len(points), 3))
+        variance = beyond_errors(self.left[near] ** 2 - self.noise[near], 1.0 / self.noise[near] ** 2)
+        length = LENGTH * self.spacing_mm
+        for axis in range(3):
+            some = variance[:, axis] > 0.0
+            own, place = near[some], self.position_mm[near[some]]
+            apart = np.linalg.norm(place[:, :, None] - place[:, None], axis=-1) / length
+            noise = np.maximum(self.noise[own, axis] / variance[some, axis, None], LEAST)
+            form = _covariance(apart)
+            form[:, range(own.shape[1]), range(own.shape[1])] += noise
+            here = _covariance(far[some] / length)
+            weights = np.linalg.solve(form, here[:, :, None])[:, :, 0]
+            values[some, axis] = (weights * self.left[own, axis]).sum(1)
+            unknown[some, axis] = np.clip(1.0 - (weights * here).sum(1), 0.0, 1.0)
+        return values, unknown
+
+
+def beyond_errors(beyond: Array, known: Array) -> Array:
+    """Variance (m, 3) that errors do not explain: the mean of ``beyond`` (m, k, 3) over k tracks nearby, of a component
+    by itself or of all three, whichever is more, less its own standard error, so that noise alone adds little; at least
+    0. ``known`` (m, k, 3): weights, one over the variance of ``beyond``."""
+    whole = known.sum((1, 2))[:, None]
+    mean = (known * beyond).sum((1, 2))[:, None] / whole
+    error = np.sqrt(((known * (beyond - mean[:, :, None])) ** 2).sum((1, 2)))[:, None] / whole
+    own = (known * beyond).sum(1) / known.sum(1)
+    of_own = np.sqrt(((known * (beyond - own[:, None])) ** 2).sum(1)) / known.sum(1)
+    return np.asarray(np.maximum(np.maximum(mean - error, own - of_own), 0.0))
+
+
+def _covariance(apart: Array) -> Array:
+    """Of the remainder at places ``apart``, over its variance (Matern, 3/2)."""
+    return np.asarray((1.0 + apart) * np.exp(-apart))

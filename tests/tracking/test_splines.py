@@ -1,0 +1,73 @@
+"""Equations of splines against dense ones, and what is interpolated of what they leave."""
+
+import numpy as np
+import pytest
+
+from plenopiv.tracking.remainder import LENGTH, Remainder
+from plenopiv.tracking.splines import RIDGE, Equations, values_at
+
+NODES, STEP, LOW = (5, 6, 4), 0.5, np.array([-1.0, 0.0, 2.0])
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(4)
+
+
+def test_splines_are_one_in_all_and_their_derivatives_are_differences(rng):
+    points = LOW + STEP * rng.uniform(0.01, 0.99, (50, 3)) * (np.array(NODES) - 3)
+    assert values_at(points, LOW, STEP, NODES).sum(1) == pytest.approx(np.ones(50))
+    for axis in range(3):
+        move = 1e-5 * np.eye(3)[axis]
+        ahead, behind = (values_at(points + s * move, LOW, STEP, NODES).toarray() for s in (1, -1))
+        slopes = values_at(points, LOW, STEP, NODES, axis).toarray()
+        assert slopes == pytest.approx((ahead - behind) / 2e-5, abs=1e-6)
+
+
+def test_coefficients_solve_the_dense_equations(rng):
+    points = LOW + STEP * rng.uniform(0.0, 1.0, (400, 3)) * (np.array(NODES) - 3)
+    velocity, std = rng.standard_normal((400, 3)), rng.uniform(0.5, 2.0, (400, 3))
+    values = values_at(points, LOW, STEP, NODES)
+    equations, smoothing = Equations(values, std, NODES, False), 0.3
+    found = equations.solution(velocity[None], smoothing)[0]
+    dense, third = values.toarray(), np.zeros((np.prod(NODES),) * 2)
+    of_axis = [np.diff(np.eye(count), 3, axis=0) for count in NODES[::-1]]
+    for axis in range(3):
+        each = [of_axis[a] if a == axis else np.eye(count) for a, count in enumerate(NODES[::-1])]
+        whole = np.kron(np.kron(each[0], each[1]), each[2])
+        third += whole.T @ whole
+    unit = np.mean([((dense / std[:, [k]]) ** 2).sum(0).mean() for k in range(3)])
+    assert equations.unit == pytest.approx(unit)
+    for k in range(3):
+        form = dense.T @ (dense / std[:, [k]] ** 2) + smoothing * unit * third + RIDGE * unit * np.eye(len(third))
+        assert found[k] == pytest.approx(np.linalg.solve(form, dense.T @ (velocity[:, k] / std[:, k] ** 2)), abs=1e-7)
+
+
+def test_the_remainder_is_simple_kriging(rng):
+    """Against one system of all tracks, where these are as few as are taken at a point."""
+    place, noise = rng.uniform(0.0, 1.0, (30, 3)), np.full((30, 3), 0.01)
+    left = np.stack([np.sin(6 * place[:, 0]), 0.001 * rng.standard_normal(30), 0.1 * rng.standard_normal(30)], 1)
+    points = rng.uniform(0.2, 0.8, (20, 3))
+    found, unknown = Remainder(place, left, noise, 0.3).at(points)
+    beyond = left**2 - noise
+    mean, own = beyond.mean(), beyond.mean(0)
+    deviation = np.sqrt(((beyond - mean) ** 2).sum()) / beyond.size, np.sqrt(((beyond - own) ** 2).sum(0)) / len(left)
+    variance = np.maximum(np.maximum(mean - deviation[0], own - deviation[1]), 0.0)
+    assert variance.min() > 0.0
+
+    def covariance(a, b):
+        apart = np.linalg.norm(a[:, None] - b, axis=-1) / (LENGTH * 0.3)
+        return (1.0 + apart) * np.exp(-apart)
+
+    for k in range(3):
+        form = variance[k] * covariance(place, place) + np.diag(noise[:, k])
+        weights = np.linalg.solve(form, variance[k] * covariance(place, points))
+        assert found[:, k] == pytest.approx(weights.T @ left[:, k])
+        assert unknown[:, k] == pytest.approx(1.0 - (weights * covariance(place, points)).sum(0))
+
+
+def test_noise_alone_leaves_next_to_nothing(rng):
+    place, noise = rng.uniform(0.0, 1.0, (3000, 3)), np.full((3000, 3), 0.04)
+    found, unknown = Remainder(place, 0.2 * rng.standard_normal((3000, 3)), noise, 0.07).at(place[:500])
+    assert np.sqrt((found**2).mean()) < 0.05
+    assert unknown.mean() > 0.9
