@@ -38,6 +38,7 @@ DECISIONS = {
     "reconstruction": 62,
     "correlation": 65,
     "tracking": 71,
+    "links": 72,
     "statistics": 56,
     "device": 60,
 }

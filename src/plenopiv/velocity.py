@@ -36,6 +36,7 @@ def velocity_dataset(
     time_s: float = 0.0,
     frame: Frame = "camera",
     near_focus: NDArray[np.bool_] | None = None,
+    near_face: NDArray[np.bool_] | None = None,
 ) -> xr.Dataset:
     """One velocity field as an xarray Dataset with dims (time, z, y, x), time of length one.
 
@@ -44,7 +45,8 @@ def velocity_dataset(
     in m/s after replacement; u_raw, v_raw, w_raw before (``DisplacementField.raw``); u_std, v_std, w_std in m/s, the
     standard deviations of u, v, w; valid (int8, 1 = measured, 0 = replaced); peak_ratio; where a body was named
     inside_body (int8), 1 where the window lies more than half in it: all others are then NaN, and valid is 0; with
-    ``near_focus`` (nz, ny, nx) near_focus (int8), 1 where light has hardly any depth.
+    ``near_focus`` (nz, ny, nx) near_focus (int8), 1 where light has hardly any depth, and with ``near_face`` (nz, ny,
+    nx) near_face (int8), 1 where windows reach to the volume's front or back.
     """
     import xarray as xr
 
@@ -85,17 +87,21 @@ def velocity_dataset(
             "comment": "of sub-windows the inverse of the mean inverse",
         },
     )
-    if near_focus is not None:
-        variables["near_focus"] = (
-            _DIMS,
-            near_focus[None].astype(np.int8),
-            {
-                "long_name": "within 1.5 dead zones of focus, where displacements in depth may be biased",
-                "standard_name": "status_flag",
-                "flag_values": np.array([0, 1], np.int8),
-                "flag_meanings": "beyond near_focus",
-            },
-        )
+    for name, flags, meaning in (
+        ("near_focus", near_focus, "within 1.5 dead zones of focus, where displacements in depth may be biased"),
+        ("near_face", near_face, "window at the volume's front or back, where displacements in depth may be biased"),
+    ):
+        if flags is not None:
+            variables[name] = (
+                _DIMS,
+                flags[None].astype(np.int8),
+                {
+                    "long_name": meaning,
+                    "standard_name": "status_flag",
+                    "flag_values": np.array([0, 1], np.int8),
+                    "flag_meanings": f"beyond {name}",
+                },
+            )
     if field.solid is not None:
         variables["inside_body"] = (
             _DIMS,

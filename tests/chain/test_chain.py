@@ -98,7 +98,8 @@ def test_the_same_bits_after_pickle(kind):
         fields = [c.velocity(*volumes, dt_s=1e-3) for c, volumes in ((chain, before), (other, after))]
         for name in fields[0].data_vars:
             np.testing.assert_array_equal(fields[0][name], fields[1][name])
-        assert ("near_focus" in fields[0]) == (kind == "one plenoptic camera")
+        for name in ("near_focus", "near_face"):
+            assert (name in fields[0]) == (kind == "one plenoptic camera")
 
 
 def test_velocity_has_the_signs_and_units_of_the_motion():
@@ -111,6 +112,10 @@ def test_velocity_has_the_signs_and_units_of_the_motion():
     ends = np.array(chain.camera.dead_zone_mm())
     for z, near in zip(field.z, field.near_focus, strict=True):
         assert (near == (1.5 * ends[0] < z < 1.5 * ends[1])).all()
+    low, high = GRID.limits_mm()[2]
+    deep = chain.correlation.windows[-1][2] * GRID.voxel_mm[2]
+    for z, at_face in zip(field.z, field.near_face, strict=True):
+        assert (at_face == (min(z - low, high - z) < 0.75 * deep)).all()
     moved = chain.displacement(a, b)
     np.testing.assert_allclose(field.u, moved.displacement[0] * GRID.voxel_mm[0], rtol=1e-12)
 

@@ -47,7 +47,8 @@ def followed(found: FrameParticles, origin: Int, by: Predicted, unused: int) -> 
     lost = np.setdiff1d(np.arange(len(by.track)), origin[own])
     new = np.flatnonzero(track < 0)
     if len(lost) and len(new):
-        again = cheapest(_as_particles(by, lost), found.of(new), np.zeros((len(lost), 3)), np.zeros(3), ratio, np.inf)
+        none = np.zeros((len(lost), 3))
+        again = cheapest(_as_particles(by, lost), found.of(new), none, none, ratio, np.inf)
         track[new[again.b]] = by.track[lost[again.a]]
     kept = int((track >= 0).sum())
     fresh = track < 0

@@ -14,7 +14,7 @@ would have cost little more, or where it departs from its neighbours.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +29,14 @@ GATE = 25.0  # cost of a particle that is not linked: 4 degrees of freedom excee
 CLEAR = 6.0  # by which another partner must cost more than the one that is taken
 PASSES = 3
 NEIGHBOURS = 20  # linked particles around, whose departures from the predictor tell a particle's own
+WIDE = 9.0  # times the median of variances
+LEAST_LOCAL = 0.5  # of the scatter over all particles that it has about each
 RIDGE = 0.5  # of slopes against neighbours: fewer than some of them on one side make no slope
 COVERED, COVERED_STD = 0.95, 1.96  # the scatter is that of a normal distribution with the same 95 %
 LIGHT_STD = 0.1  # of ln light between frames beyond the covariances: light sheets are not quite even
 
 Array = NDArray[np.float64]
+Int = NDArray[np.int64]
 Predictor = Callable[[Array], Array]
 
 
@@ -42,8 +45,8 @@ class Links:
     """Particle ``a[k]`` of one frame is ``b[k]`` of the next. ``cost`` (k,), ``scatter_mm`` (3,): standard deviation of
     what the predictor leaves."""
 
-    a: NDArray[np.int64]
-    b: NDArray[np.int64]
+    a: Int
+    b: Int
     cost: Array
     scatter_mm: Array
 
@@ -63,10 +66,11 @@ def link(
     for _ in range(3):  # the predictor is known at the middle of the way
         predicted = displacement_mm(first.position_mm + 0.5 * predicted)
     scatter, departure = np.asarray(scatter_mm, np.float64), np.zeros_like(predicted)
+    local = np.broadcast_to(scatter, predicted.shape)
     ratio = _ratio_of_light(first, second)
     found = Links(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), scatter)
     for _ in range(PASSES):
-        found = cheapest(first, second, predicted + departure, scatter, ratio, most_mm)
+        found = replace(cheapest(first, second, predicted + departure, local, ratio, most_mm), scatter_mm=scatter)
         if len(found.a) <= NEIGHBOURS + 1:
             return found
         left = second.position_mm[found.b] - first.position_mm[found.a] - predicted[found.a]
@@ -75,7 +79,15 @@ def link(
         noise = np.einsum("nii->ni", first.covariance[found.a] + second.covariance[found.b])[:, :3]
         spread = (np.quantile(own, COVERED, 0) / COVERED_STD) ** 2 - np.median(noise, 0)
         scatter = np.sqrt(np.maximum(spread, 0.0) + 1e-12)
+        local = _around(first.position_mm, found.a, own**2 - noise, scatter)
     return found
+
+
+def _around(position: Array, linked: Int, beyond: Array, scatter: Array) -> Array:
+    """Scatter (n, 3) about each particle at ``position`` (n, 3): of those of its neighbours that are ``linked`` (k,),
+    whose departures have the squares ``beyond`` (k, 3) beyond errors, at least half of all particles' ``scatter``."""
+    _, near = cKDTree(position[linked]).query(position, min(NEIGHBOURS, len(linked)))
+    return np.asarray(np.sqrt(np.maximum(beyond[near].mean(1), (LEAST_LOCAL * scatter) ** 2)))
 
 
 def _ratio_of_light(first: FrameParticles, second: FrameParticles) -> float:
@@ -83,7 +95,7 @@ def _ratio_of_light(first: FrameParticles, second: FrameParticles) -> float:
     return float(np.log(np.median(second.light) / np.median(first.light)))
 
 
-def of_neighbours(position: Array, linked: NDArray[np.int64], left: Array) -> Array:
+def of_neighbours(position: Array, linked: Int, left: Array) -> Array:
     """What ``left`` (k, 3) of the particles ``linked`` (k,) lets expect of each one at ``position`` (n, 3): a linear
     fit through those of its linked neighbours, itself left out, in which outlying ones count less."""
     _, near = cKDTree(position[linked]).query(position, min(NEIGHBOURS + 1, len(linked)))
@@ -110,11 +122,12 @@ def of_neighbours(position: Array, linked: NDArray[np.int64], left: Array) -> Ar
 def cheapest(
     first: FrameParticles, second: FrameParticles, expected: Array, scatter: Array, ratio: float, most_mm: float
 ) -> Links:
-    """The cheapest links to where particles are ``expected`` to be displaced by (n, 3) mm, up to ``scatter`` (3,) mm;
+    """The cheapest links to where particles are ``expected`` to be displaced by (n, 3) mm, up to ``scatter`` (n, 3) mm;
     ``ratio``: logarithm of the second frame's light over the first's."""
     a, b = _within(first, second, expected, scatter)
     moved = second.position_mm[b] - first.position_mm[a]
-    covariance = first.covariance[a][:, :3, :3] + second.covariance[b][:, :3, :3] + np.diag(scatter**2)
+    covariance = first.covariance[a][:, :3, :3] + second.covariance[b][:, :3, :3]
+    covariance[:, range(3), range(3)] += scatter[a] ** 2
     off = moved - expected[a]
     cost = np.einsum("ni,ni->n", off, np.linalg.solve(covariance, off[:, :, None])[:, :, 0])
     brighter = np.log(second.light[b] / first.light[a]) - ratio
@@ -137,27 +150,38 @@ def cheapest(
     return Links(a, b, cost, scatter)
 
 
-def _within(
-    first: FrameParticles, second: FrameParticles, expected: Array, scatter: Array
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs that may cost less than the gate: each axis within sqrt(GATE) standard deviations."""
-    position = first.position_mm + expected
-    reach = np.sqrt(GATE) * np.sqrt(
-        scatter**2
-        + np.einsum("nii->ni", first.covariance)[:, :3]
-        + np.max(np.einsum("nii->ni", second.covariance)[:, :3], 0, initial=0.0)
-    )
+def _within(first: FrameParticles, second: FrameParticles, expected: Array, scatter: Array) -> tuple[Int, Int]:
+    """Pairs that may cost less than the gate: each axis within sqrt(GATE) standard deviations. The few particles that
+    are known far worse than others, near focus, are looked for with a reach of their own."""
+    place, other = first.position_mm + expected, second.position_mm
+    variance_a = scatter**2 + np.einsum("nii->ni", first.covariance)[:, :3]
+    variance_b = np.einsum("nii->ni", second.covariance)[:, :3]
+    wide_a, wide_b = ((each > WIDE * np.median(each, 0)).any(1) for each in (variance_a, variance_b))
+    found = []
+    for of_a, of_b, by_a in ((~wide_a, ~wide_b, True), (wide_a, wide_b | True, True), (~wide_a, wide_b, False)):
+        a, b = np.flatnonzero(of_a), np.flatnonzero(of_b)
+        if not len(a) or not len(b):
+            continue
+        if by_a:
+            m, n = _near(place[a], variance_a[a] + variance_b[b].max(0), other[b])
+        else:
+            n, m = _near(other[b], variance_b[b] + variance_a[a].max(0), place[a])
+        found.append((a[m], b[n]))
+    a, b = (np.concatenate(each) for each in zip(*found, strict=True))
+    close = ((other[b] - place[a]) ** 2 <= GATE * (variance_a[a] + variance_b[b])).all(1)
+    return a[close], b[close]
+
+
+def _near(place: Array, variance: Array, other: Array) -> tuple[Int, Int]:
+    """Which of ``place`` (n, 3) have which of ``other`` (m, 3) within the gate of their ``variance`` (n, 3)."""
+    reach = np.sqrt(GATE * variance)
     unit = np.median(reach, 0)
-    tree = cKDTree(second.position_mm / unit)
-    near = tree.query_ball_point(position / unit, (reach / unit).max(1), p=np.inf)
-    a = np.repeat(np.arange(len(position)), [len(each) for each in near])
-    b = np.concatenate([np.asarray(each, np.int64) for each in near]) if len(near) else np.empty(0, np.int64)
-    return a.astype(np.int64), b.astype(np.int64)
+    near = cKDTree(other / unit).query_ball_point(place / unit, (reach / unit).max(1), p=np.inf)
+    a = np.repeat(np.arange(len(place)), [len(each) for each in near])
+    return a, np.array([k for each in near for k in each], np.int64)
 
 
-def _clear(
-    a: NDArray[np.int64], b: NDArray[np.int64], cost: Array, chosen: NDArray[np.bool_], n: int, m: int
-) -> NDArray[np.bool_]:
+def _clear(a: Int, b: Int, cost: Array, chosen: NDArray[np.bool_], n: int, m: int) -> NDArray[np.bool_]:
     """Of each candidate, whether all others of both its particles cost CLEAR more, with what the partners that these
     have would then lose."""
     loss_a, loss_b = np.zeros(n), np.zeros(m)
