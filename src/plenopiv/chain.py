@@ -26,7 +26,7 @@ from plenopiv.device.backend import CPU, Device
 from plenopiv.displacement.compression import compressed
 from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.ensemble import EachVolume, PairsOfVolumes, measure_ensemble
-from plenopiv.displacement.field import DisplacementField
+from plenopiv.displacement.field import DisplacementField, near_face
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.pairs import Progress as CorrelationProgress
 from plenopiv.displacement.settings import CorrelationSettings
@@ -55,7 +55,6 @@ Camera = PlenopticCamera | PinholeCamera
 LARGEST_SIDE = 2**16 - 1  # voxels: sparse volumes keep 16 bits for a voxel's place in its row
 PLACES = 17  # along x and y, at which weights by depth are found in the laboratory
 LOST = 0.1  # of a microlens' pixels: fewer make no difference to the voxels
-NEAR_FACE = 0.75  # windows' depths from the volume's front and back, to which vectors are marked
 HIDDEN = 4  # power of the share of its light that is seen, by which a voxel counts less
 DEFAULT_RECONSTRUCTION, DEFAULT_CORRELATION = ReconstructionSettings(), CorrelationSettings()
 
@@ -335,8 +334,7 @@ class Chain:
 
     def dataset(self, field: DisplacementField, dt_s: float, time_s: float = 0.0) -> xarray.Dataset:
         """The velocity field of a displacement field in ``dt_s``, m/s at mid-time ``time_s`` (``velocity_dataset``); of
-        one plenoptic camera it says which vectors lie near focus, and which at the volume's front and back: there
-        particles enter and leave between the frames, whose light is drawn out along depth.
+        one plenoptic camera it says which vectors lie near focus, and which at the volume's front and back.
 
         Raises:
             PlenoPIVError: ``dt_s`` is not positive.
@@ -347,7 +345,6 @@ class Chain:
             axes = (f + v * n for f, v, n in zip(self.grid.first_mm, self.grid.voxel_mm, index, strict=True))
             at = np.stack(np.meshgrid(*axes, indexing="ij"), -1).transpose(2, 1, 0, 3)
             near = near_focus(camera, (at if self.space is None else self.space.to_lens(at))[..., 2])
-            deep, planes = self.correlation.windows[-1][2], self.grid.shape[2]
-            from_face = np.minimum(field.z + 0.5, planes - 0.5 - field.z)
-            at_face = np.broadcast_to((from_face < NEAR_FACE * deep)[:, None, None], near.shape)
+            layers = near_face(field.z, self.grid.shape[0], self.correlation.windows[-1][2])
+            at_face = np.broadcast_to(layers[:, None, None], near.shape)
         return velocity_dataset(field, self.grid, dt_s, time_s, self.frame, near, at_face)

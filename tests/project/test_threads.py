@@ -8,8 +8,10 @@ import weakref
 import numba
 import numpy as np
 import pytest
+import scipy.linalg  # noqa: F401  # its BLAS is another one than NumPy's
+from threadpoolctl import threadpool_info
 
-from plenopiv.threads import in_threads, in_turn
+from plenopiv.threads import each_in_threads, in_threads, in_turn, one_blas_thread
 
 
 def mark(begin, end, seen):
@@ -99,3 +101,29 @@ def test_planes_in_turn_share_out_what_is_near_the_middle(count):
         if count >= 16:
             shares = [work[part].sum() / work.sum() for part in np.array_split(turns, threads)]
             assert max(shares) * threads < 1.25
+
+
+def test_each_item_is_made_in_order_and_none_after_an_error():
+    made = []
+
+    def make(item):
+        made.append(item)
+        if item == 3:
+            raise ValueError("three")
+        time.sleep(0.01)
+        return 2 * item
+
+    assert list(each_in_threads(make, range(3))) == [0, 2, 4]
+    with pytest.raises(ValueError, match="three"):
+        list(each_in_threads(make, range(3, 200)))
+    assert len(made) < 100
+
+
+def test_blas_has_one_thread_and_then_as_many_as_before():
+    def threads():
+        return [each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"]
+
+    before = threads()
+    with one_blas_thread():
+        assert set(threads()) == {1}
+    assert threads() == before

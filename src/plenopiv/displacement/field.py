@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     import xarray
 
 
+NEAR_FACE = 0.75  # of a window's depth
+
+
 @dataclass(frozen=True)
 class DisplacementField:
     """Displacement from the first volume to the second, in voxels, at mid-time positions.
@@ -63,3 +66,9 @@ class DisplacementField:
         held |= {"valid": (dims, self.valid), "peak_ratio": (dims, self.peak_ratio, {"units": "1"})}
         axes = {axis: (axis, getattr(self, axis), voxels) for axis in dims}
         return xarray.Dataset(held, axes)
+
+
+def near_face(z: NDArray[np.float64], planes: int, deep: int) -> NDArray[np.bool_]:
+    """Which windows ``deep`` voxels deep have their middles, at the voxel indices ``z``, less than NEAR_FACE of that
+    from the front or the back of a volume of so many ``planes``: particles enter and leave there between the frames."""
+    return np.asarray(np.minimum(z + 0.5, planes - 0.5 - z) < NEAR_FACE * deep)

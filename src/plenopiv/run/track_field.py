@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import xarray
 
 OF_TRACKS = "no windows and no outliers replaced: the same as without _raw"
-STD = "scatter of fits to tracks with errors of their size; flow that the tracks do not resolve is not in it"
+STD = "scatter of fits to tracks with errors of their size, and flow that they do not resolve, by tracks held out"
 
 Array = NDArray[np.float64]
 
