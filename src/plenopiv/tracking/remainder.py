@@ -51,18 +51,18 @@ class Remainder:
         far, near = self._tree.query(points, min(NEARBY, len(self.left)))
         values, unknown = np.zeros((len(points), 3)), np.ones((len(points), 3))
         variance = beyond_errors(self.left[near] ** 2 - self.noise[near], 1.0 / self.noise[near] ** 2)
-        length = LENGTH * self.spacing_mm
+        some = np.flatnonzero((variance > 0.0).any(1))
+        place, length = self.position_mm[near[some]], LENGTH * self.spacing_mm
+        between = _covariance(np.linalg.norm(place[:, :, None] - place[:, None], axis=-1) / length)
+        here, diagonal = _covariance(far[some] / length), range(near.shape[1])
         for axis in range(3):
-            some = variance[:, axis] > 0.0
-            own, place = near[some], self.position_mm[near[some]]
-            apart = np.linalg.norm(place[:, :, None] - place[:, None], axis=-1) / length
-            noise = np.maximum(self.noise[own, axis] / variance[some, axis, None], LEAST)
-            form = _covariance(apart)
-            form[:, range(own.shape[1]), range(own.shape[1])] += noise
-            here = _covariance(far[some] / length)
-            weights = np.linalg.solve(form, here[:, :, None])[:, :, 0]
-            values[some, axis] = (weights * self.left[own, axis]).sum(1)
-            unknown[some, axis] = np.clip(1.0 - (weights * here).sum(1), 0.0, 1.0)
+            rows = variance[some, axis] > 0.0
+            which, form = some[rows], between[rows]
+            own = near[which]
+            form[:, diagonal, diagonal] += np.maximum(self.noise[own, axis] / variance[which, axis, None], LEAST)
+            weights = np.linalg.solve(form, here[rows][:, :, None])[:, :, 0]
+            values[which, axis] = (weights * self.left[own, axis]).sum(1)
+            unknown[which, axis] = np.clip(1.0 - (weights * here[rows]).sum(1), 0.0, 1.0)
         return values, unknown
 
 
