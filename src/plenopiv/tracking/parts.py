@@ -74,7 +74,7 @@ def field_on_grid(
     cores = [_cores(lo, hi, step) for lo, hi in limits_mm]
     shape = tuple(len(axis) for axis in reversed(axes_mm))
     total, spread, weight = np.zeros((3, *shape)), np.zeros((3, *shape)), np.zeros(shape)
-    used, fields = np.zeros(len(position), bool), list[TrackField]()
+    used, of_parts = np.zeros(len(position), bool), list[tuple[float, float]]()
     parts = list(product(*cores))
 
     def made(number: int) -> tuple[NDArray[np.bool_], TrackField, tuple | None] | None:
@@ -94,7 +94,7 @@ def field_on_grid(
             if found is not None:
                 own, field, on_grid = found
                 used |= own
-                fields.append(field)
+                of_parts.append((field.smoothing, field.scale))
                 if on_grid is not None:
                     where, share, values, errors = on_grid
                     total[(slice(None), *where)] += values * share
@@ -102,7 +102,7 @@ def field_on_grid(
                     weight[where] += share
             if progress is not None:
                 progress(done, len(parts))
-    if not fields:
+    if not of_parts:
         raise PlenoPIVError(f"tracking: no part of the volume has {LEAST_TRACKS} tracks; there is no field")
     with np.errstate(invalid="ignore"):
         total, spread = total / weight, spread / weight
@@ -110,8 +110,8 @@ def field_on_grid(
     points = np.stack([x.ravel(), y.ravel(), z.ravel()], -1)
     near = cKDTree(position[used]).query(points, distance_upper_bound=NEAR * step)[0] < np.inf
     measured = near.reshape(shape) & (weight > 0)
-    of_parts = tuple(each.smoothing for each in fields), tuple(each.scale for each in fields)
-    return FieldOnGrid(total, spread, measured, step, *of_parts, float(1.0 - used.mean()))
+    smoothing, scale = zip(*of_parts, strict=True)
+    return FieldOnGrid(total, spread, measured, step, smoothing, scale, float(1.0 - used.mean()))
 
 
 def _widened(part: tuple, limits: Limits, beyond: float) -> Limits:
