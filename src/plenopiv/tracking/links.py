@@ -32,6 +32,10 @@ NEIGHBOURS = 20  # linked particles around, whose departures from the predictor 
 WIDE = 9.0  # times the median of variances
 LEAST_LOCAL = 0.5  # of the scatter over all particles that it has about each
 RIDGE = 0.5  # of slopes against neighbours: fewer than some of them on one side make no slope
+LOCAL, LOCAL_STD = (
+    0.8,
+    1.28,
+)  # so many of a particle's neighbours depart less, a normal distribution's standard deviations
 COVERED, COVERED_STD = 0.95, 1.96  # the scatter is that of a normal distribution with the same 95 %
 LIGHT_STD = 0.1  # of ln light between frames beyond the covariances: light sheets are not quite even
 
@@ -87,7 +91,8 @@ def _around(position: Array, linked: Int, beyond: Array, scatter: Array) -> Arra
     """Scatter (n, 3) about each particle at ``position`` (n, 3): of those of its neighbours that are ``linked`` (k,),
     whose departures have the squares ``beyond`` (k, 3) beyond errors, at least half of all particles' ``scatter``."""
     _, near = cKDTree(position[linked]).query(position, min(NEIGHBOURS, len(linked)))
-    return np.asarray(np.sqrt(np.maximum(beyond[near].mean(1), (LEAST_LOCAL * scatter) ** 2)))
+    usual = np.quantile(beyond[near], LOCAL, 1) / LOCAL_STD**2
+    return np.asarray(np.sqrt(np.maximum(usual, (LEAST_LOCAL * scatter) ** 2)))
 
 
 def _ratio_of_light(first: FrameParticles, second: FrameParticles) -> float:
