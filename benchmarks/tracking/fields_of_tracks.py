@@ -42,7 +42,6 @@ BASE = CONDITIONS["base"]
 WINDOW, RAYS, SEED = (64, 64, 16), 100_000, 7
 AMPLITUDE, DRIFT = 0.7, np.array([2.3, -1.4, 0.37])  # voxels, of waves
 BEYOND_HALF_DEAD_ZONES = 1.5
-MOST_STD = 4.0  # of a link about a linear fit
 Array = NDArray[np.float64]
 
 
@@ -163,8 +162,7 @@ def _scored(
 
 def linear_fits(tracks: xarray.Dataset, at_mm: Array, half_mm: Array) -> Array:
     """Displacements (n, 3) in mm at ``at_mm`` of linear fits of the links in windows, each axis weighted with the
-    links' error bars and, once more, with what the linear fit leaves beside these; links that it misses by more than
-    four times that do not count: near focus errors have tails."""
+    links' error bars and, once more, with what the linear fit leaves beside these."""
     first = tracks.isel(obs=np.flatnonzero((tracks.frame.values == 0) & np.isfinite(tracks.u.values)))
     to_mm = 1e3 * DT_S
     moved, std = (to_mm * np.stack([first[name + end].values for name in "uvw"], -1) for end in ("", "_std"))
@@ -176,10 +174,9 @@ def linear_fits(tracks: xarray.Dataset, at_mm: Array, half_mm: Array) -> Array:
             continue
         terms = np.column_stack([np.ones(near.sum()), (middle[near] - vector) / half_mm])
         for axis in range(3):
-            left, square = 0.0, np.zeros(near.sum())
+            left = 0.0
             for _ in range(3):
-                spread = std[near, axis] ** 2 + left
-                weight = (square <= MOST_STD**2 * spread) / np.sqrt(spread)
+                weight = 1.0 / np.sqrt(std[near, axis] ** 2 + left)
                 found = np.linalg.lstsq(terms * weight[:, None], moved[near, axis] * weight, rcond=None)[0]
                 square = (moved[near, axis] - terms @ found) ** 2
                 left = max(float(np.median(square)) / 0.455 - float(np.median(std[near, axis])) ** 2, 1e-12)
