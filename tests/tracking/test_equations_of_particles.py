@@ -141,3 +141,16 @@ def test_particles_at_rest_stay_and_the_others_come_to_the_same_places():
     again = refine(of_points, pixels, rested.position_mm, rested.light, prior, 1, rested.lights, 1e3)
     assert (again.position_mm == rested.position_mm).all()
     assert (again.light == rested.light).all()
+
+
+def test_a_particle_whose_pixels_are_all_unusable_has_a_block_of_its_own(scene):
+    """Without one more blocks were written than there was room for."""
+    lights, light, weight, _ = scene
+    lost = len(light) // 2
+    weight = weight.copy()
+    weight[lights.pixel[lights.start[lost] : lights.start[lost + 1]]] = 0.0
+    found = normal_equations(lights, light, weight)
+    row = np.repeat(np.arange(len(light)), np.diff(found.indptr))
+    assert row[found.indices == row].tolist() == list(range(len(light)))
+    assert found.indptr[-1] == len(found.indices) == len(found.data)
+    assert np.abs(found.toarray()[4 * lost : 4 * lost + 4]).max() == 0.0

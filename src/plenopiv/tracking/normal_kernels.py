@@ -214,7 +214,7 @@ def count_later(
     particle: NDArray[np.int32], count: Int,
 ) -> None:  # fmt: skip
     """How many particles, itself and those that come after it, share pixels with each of the particles ``begin`` to
-    ``end``."""
+    ``end``; itself also where it has none, as all its pixels may be unusable."""
     seen = np.full(count.size, -1, np.int32)
     for i in range(begin, end):
         found = 0
@@ -224,7 +224,7 @@ def count_later(
                 if seen[j] != i:
                     seen[j] = i
                     found += 1
-        count[i] = found
+        count[i] = max(found, 1)
 
 
 @kernel
@@ -240,7 +240,8 @@ def sum_later(
     these are met."""
     where = np.full(start.size - 1, -1, np.int64)
     for i in range(begin, end):
-        following = block_start[i]
+        following = block_start[i] + 1
+        where[i], neighbour[following - 1] = following - 1, np.int32(i)
         for e in range(start[i], start[i + 1]):
             first = np.uint32(rank[e])
             a0, a1, a2, a3 = whitened[first, 0], whitened[first, 1], whitened[first, 2], whitened[first, 3]
