@@ -10,6 +10,7 @@ from oracles.tomography import cubes, four_cameras
 
 from plenopiv.cameras.pose import FRONT, SIDE
 from plenopiv.chain import Chain
+from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError
@@ -118,6 +119,20 @@ def test_velocity_has_the_signs_and_units_of_the_motion():
         assert (at_face == (min(z - low, high - z) < 0.75 * deep)).all()
     moved = chain.displacement(a, b)
     np.testing.assert_allclose(field.u, moved.displacement[0] * GRID.voxel_mm[0], rtol=1e-12)
+
+
+def test_vectors_at_front_and_back_are_told_along_z():
+    deep = VoxelGrid.covering((-0.5, 0.5), (-0.4, 0.4), (0.5, 2.9), (0.025, 0.025, 0.1))
+    windows = CorrelationSettings(windows=((32, 32, 8),), inner_window=(16, 16, 8))
+    chain = replace(plenoptic_chain(), grid=deep, correlation=windows)
+    z, none = np.arange(3.5, 24.0, 8.0), np.zeros((3, 3, 1, 2))
+    of_windows = np.ones(none.shape[1:])
+    field = DisplacementField(
+        z, np.array([15.5]), np.array([15.5, 23.5]), none, none, of_windows > 0, of_windows.astype(np.float32), none
+    )
+    near = chain.dataset(field, 1e-3).near_face.values[0]
+    assert near.shape == (3, 1, 2)
+    assert near.all((1, 2)).tolist() == [True, False, True]
 
 
 def test_an_ensemble_of_one_pair_is_that_pair_with_the_same_weights():

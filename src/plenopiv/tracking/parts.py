@@ -75,20 +75,21 @@ def field_on_grid(
     shape = tuple(len(axis) for axis in reversed(axes_mm))
     total, spread, weight = np.zeros((3, *shape)), np.zeros((3, *shape)), np.zeros(shape)
     used, of_parts = np.zeros(len(position), bool), list[tuple[float, float]]()
-    parts = list(product(*cores))
+    parts, beyond = list(product(*cores)), BEYOND * step
+    boxes = [_widened(part, limits_mm, beyond) for part in parts]
 
     def made(number: int) -> tuple[NDArray[np.bool_], TrackField, tuple | None] | None:
-        box = _widened(parts[number], limits_mm, BEYOND * step)
+        box = boxes[number]
         own = within(position, box)
         if own.sum() < LEAST_TRACKS:
             return None
         tracks = position[own], velocity[own], std[own]
         field = field_from_tracks(*tracks, box, step, divergence_free=divergence_free, seed=number + 1)
         own[own] = field.used
-        return own, field, _on_grid(field, parts[number], limits_mm, axes_mm, BEYOND * step)
+        return own, field, _on_grid(field, parts[number], limits_mm, axes_mm, beyond)
 
     # those of a size one after the other: their penalty is the same
-    order = sorted(range(len(parts)), key=lambda n: np.diff(_widened(parts[n], limits_mm, BEYOND * step)).tolist())
+    order = sorted(range(len(parts)), key=lambda n: np.diff(boxes[n]).tolist())
     with one_blas_thread():
         for done, found in enumerate(each_in_threads(made, order), 1):
             if found is not None:

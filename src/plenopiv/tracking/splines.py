@@ -35,7 +35,7 @@ class Equations:
         self._penalty = _penalty(nodes, divergence_free)
         self._band = np.zeros(self._penalty.shape)
         n = len(std)
-        add_data(0, n, values.indices.reshape(n, -1), values.data.reshape(n, -1), self._weight, self._band)
+        add_data(values.indices.reshape(n, -1), values.data.reshape(n, -1), self._weight, self._band)
         self.unit = float(self._band[0].mean())
         self._band[0] += RIDGE * self.unit
 
@@ -51,13 +51,12 @@ class Equations:
 
 @kernel
 def add_data(
-    begin: int, end: int,
     index: NDArray[np.int32], value: Array,  # (n, k): nodes that have a part in a point, in order, and how much
     weight: Array,  # (n, 3)
     band: Array,  # (reach + 1, 3 nodes), added to
 ) -> None:  # fmt: skip
-    """Add the information of points ``begin`` to ``end`` to the band."""
-    for n in range(begin, end):
+    """Add the information of the points to the band."""
+    for n in range(index.shape[0]):
         for i in range(index.shape[1]):
             for j in range(i + 1):
                 both = value[n, i] * value[n, j]
