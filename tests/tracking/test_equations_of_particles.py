@@ -132,13 +132,13 @@ def test_particles_at_rest_stay_and_the_others_come_to_the_same_places():
     of_points, prior = PointLights(CAMERA), Prior(start, prior_std_mm(CAMERA))
     light = GAIN * truth.electrons
     every = refine(of_points, pixels, start, light, prior, 8)
-    rested = refine(of_points, pixels, start, light, prior, 8, None, 0.03)
+    rested = refine(of_points, pixels, start, light, prior, 8, 0.03)
     variance = np.linalg.inv(every.normal().toarray())
     std = np.sqrt(np.diag(variance)).reshape(-1, 4)[:, :3] * UNIT_MM
     inside = (np.abs(start) < np.array(LIMITS)[:, 1]).all(1) & beyond
     apart = np.abs(rested.position_mm - every.position_mm)[inside] / std[inside]
     assert np.quantile(apart, 0.95) < 0.1
-    again = refine(of_points, pixels, rested.position_mm, rested.light, prior, 1, rested.lights, 1e3)
+    again = refine(of_points, pixels, rested.position_mm, rested.light, prior, 1, 1e3)
     assert (again.position_mm == rested.position_mm).all()
     assert (again.light == rested.light).all()
 

@@ -7,13 +7,14 @@ from particle_scenes import CAMERA, GAIN, LIMITS, VOXEL_MM, nearest, noisy, pixe
 from scipy.sparse import bsr_array
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.tracking import equations
+from plenopiv.tracking import areas
 from plenopiv.tracking.covariance import LEAST, covariance_among, covariance_of
+from plenopiv.tracking.evidence import misfit
 from plenopiv.tracking.frame import particles_of_frame
 from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
 from plenopiv.tracking.peaks import peaks
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.refine import Prior, refine
+from plenopiv.tracking.refine import Prior, first_light, image_of, refine
 from plenopiv.volume import DenseVolume, VoxelGrid
 
 LIGHT = GAIN * 400.0 * 150.0  # counts of a particle
@@ -107,28 +108,67 @@ def test_covariances_are_those_of_the_whole_inverse():
         assert block == pytest.approx(inverse[4 * n : 4 * n + 4, 4 * n : 4 * n + 4], rel=1e-6)
 
 
-def test_particles_in_parts_are_those_of_all_at_once(monkeypatch, of_points):
-    """Six at a time, with all that share their pixels: covariances have the same bits, and fits come to the same."""
+def test_areas_hold_each_point_once_and_are_cut_elsewhere_in_turn(monkeypatch):
+    monkeypatch.setattr(areas, "TOGETHER", 60)
+    place = np.random.default_rng(2).uniform(0.0, (3.0, 1.0), (500, 2))
+    for turn in (0, 1):
+        cut = areas.areas(place, turn)
+        assert max(len(area) for area in cut) <= 60
+        assert np.sort(np.concatenate(cut)).tolist() == list(range(500))
+        assert all((np.diff(area) > 0).all() for area in cut)
+        assert np.mean([np.prod(np.ptp(place[area], axis=0)) for area in cut]) < 3.0 / len(cut)  # they do not overlap
+        first, second = (areas.areas(place, turn + k)[0] for k in (0, 1))
+        assert set(first) != set(second)
+    reach = np.array([0.3, 0.1])
+    near = areas.about(place, cut[0], reach)
+    low, high = place[cut[0]].min(0), place[cut[0]].max(0)
+    for n, (x, y) in enumerate(place):
+        within = low[0] - 0.3 <= x <= high[0] + 0.3 and low[1] - 0.1 <= y <= high[1] + 0.1
+        assert (n in near) == within
+
+
+def test_particles_in_areas_are_those_of_all_at_once(monkeypatch, of_points):
+    """Six at a time, whose light overlaps with that of most others: light and places come to the same, and so do error
+    bars where all that are coupled are within reach."""
     truth = seeded(0.5)
     pixels, prior = pixels_of(noisy(truth.position_mm, truth.electrons)), Prior(truth.position_mm, prior_std_mm(CAMERA))
-    start = truth.position_mm, GAIN * truth.electrons, prior
-    whole = refine(of_points, pixels, *start, 8)
-    n = len(whole.light)
-    covariance = covariance_of(whole)
+    light = GAIN * truth.electrons
+    whole, n = refine(of_points, pixels, truth.position_mm, light, prior, 16), len(light)
+    covariance, off = covariance_of(whole), misfit(whole, pixels.usable)
     assert (covariance == covariance_among(whole.normal(), np.arange(n))).all()
-    monkeypatch.setattr(equations, "TOGETHER", 6)
-    found = list(equations.parts(whole.lights, whole.position_mm[:, :2], CAMERA.sensor.rows * CAMERA.sensor.columns))
-    assert max(len(part) for part, _ in found) <= 6
-    assert np.sort(np.concatenate([part for part, _ in found])).tolist() == list(range(n))
-    lit = [set(whole.lights.of(np.array([i])).pixel.tolist()) for i in range(n)]
-    for part, near in found:
-        assert near.tolist() == [i for i in range(n) if any(lit[i] & lit[k] for k in part)]
-    assert min(len(near) for _, near in found) > 6
-    assert (covariance_of(whole) == covariance).all()
-    in_parts = refine(of_points, pixels, *start, 8)
+    alone = first_light(of_points, pixels, truth.position_mm, 1.2 * light)
+    monkeypatch.setattr(areas, "TOGETHER", 6)
+    assert image_of(of_points, whole.position_mm, whole.light, len(pixels.counts)) == pytest.approx(whole.image)
+    in_areas = refine(of_points, pixels, truth.position_mm, light, prior, 32)
+    assert in_areas.kept is None
     std = np.sqrt(np.einsum("nii->ni", covariance))
-    assert np.abs((in_parts.position_mm - whole.position_mm) / UNIT_MM / std[:, :3]).max() < 0.1
-    assert in_parts.light == pytest.approx(whole.light, rel=1e-3)
+    told = np.abs(truth.position_mm[:, 2]) > 0.46  # near focus particles slide on, together as in areas
+    assert np.abs((in_areas.position_mm - whole.position_mm) / UNIT_MM / std[:, :3])[told].max() < 0.1
+    assert in_areas.light[told] == pytest.approx(whole.light[told], rel=1e-3)
+    assert in_areas.residual == pytest.approx(whole.residual, abs=0.02 * GAIN * 400.0)
+    assert misfit(in_areas, pixels.usable) == pytest.approx(off, rel=1e-2)
+    bars = np.sqrt(np.einsum("nii->ni", covariance_of(in_areas)))
+    assert np.median(np.abs(bars / std - 1.0)) < 0.01
+    assert first_light(of_points, pixels, truth.position_mm, 1.2 * light) == pytest.approx(alone, rel=0.1)
+
+
+def test_a_frame_in_areas_has_the_same_particles(monkeypatch, of_points):
+    truth = seeded(0.5)
+    pixels = pixels_of(noisy(truth.position_mm, truth.electrons))
+    rng = np.random.default_rng(6)
+    start = truth.position_mm + rng.normal(0.0, (2e-3, 2e-3, 1e-2), truth.position_mm.shape)
+    guess = of_points, pixels, start[2:], GAIN * truth.electrons[2:], LIMITS
+    whole = particles_of_frame(*guess)
+    monkeypatch.setattr(areas, "TOGETHER", 20)
+    assert len(areas.areas(start[:, :2])) > 1
+    in_areas = particles_of_frame(*guess)
+    beyond = np.flatnonzero(np.abs(whole.position_mm[:, 2]) > 0.46)
+    partner = nearest(whole.position_mm[beyond], in_areas.position_mm)
+    assert (partner >= 0).mean() > 0.98
+    std = np.sqrt(np.einsum("nii->ni", whole.covariance))[beyond[partner >= 0], :3]
+    apart = (in_areas.position_mm[partner[partner >= 0]] - whole.position_mm[beyond[partner >= 0]]) / std
+    assert np.quantile(np.abs(apart), 0.95) < 0.3
+    assert in_areas.chi2 == pytest.approx(whole.chi2, rel=0.02)
 
 
 @pytest.mark.parametrize("pixels", [40, 79, 90])

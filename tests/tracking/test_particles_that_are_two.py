@@ -20,7 +20,7 @@ ALONE = [(-0.3, -0.3, 1.2), (0.3, -0.3, -1.7), (-0.3, 0.3, 2.1), (0.3, 0.3, -1.1
 def fitted(pixels, position_mm, electrons):
     """Pixels with noise and stray light as measured, and particles fitted to them."""
     start, light = np.array(position_mm, np.float64), GAIN * np.array(electrons, np.float64)
-    pixels = with_noise(pixels, OF_POINTS(start), light)
+    pixels = with_noise(pixels, OF_POINTS(start).image(light, len(pixels.counts)))
     return pixels, refine(OF_POINTS, pixels, start, light, Prior(start, prior_std_mm(CAMERA)), 6)
 
 
@@ -36,7 +36,7 @@ def test_two_that_are_fitted_as_one(apart, z_mm):
     pixels = pixels_of(noisy(truth, np.full(6, ELECTRONS)))
     start, electrons = np.stack([middle, *ALONE]), ELECTRONS * np.array([2, 1, 1, 1, 1])
     pixels, fit = fitted(pixels, start, electrons)
-    found, offset = splits(OF_POINTS, fit, misfit(fit, pixels.usable), all_of(fit))
+    found, offset = splits(fit, misfit(fit, pixels.usable), all_of(fit))
     assert found.tolist() == [0]
     along = half / UNIT_MM
     cosine = offset[0] / UNIT_MM @ along / np.linalg.norm(offset[0] / UNIT_MM) / np.linalg.norm(along)
@@ -53,7 +53,7 @@ def test_particles_that_stand_alone_stay_one():
     pixels = pixels_of(noisy(truth.position_mm, truth.electrons))
     pixels, fit = fitted(pixels, truth.position_mm, truth.electrons)
     off = misfit(fit, pixels.usable)
-    found, _ = splits(OF_POINTS, fit, off, crowded(fit, off))
+    found, _ = splits(fit, off, crowded(fit, off))
     beyond = np.abs(truth.position_mm[:, 2]) > 0.5
     assert beyond.sum() > 10
     assert not beyond[found].any()
@@ -63,7 +63,7 @@ def test_only_those_asked_are_split():
     truth = np.array([[0.1, 0.1, 1.5], [0.1, 0.1, 1.7], *ALONE])
     pixels = pixels_of(noisy(truth, np.full(6, ELECTRONS)))
     pixels, fit = fitted(pixels, [truth[:2].mean(0), *ALONE], ELECTRONS * np.array([2, 1, 1, 1, 1]))
-    found, offset = splits(OF_POINTS, fit, misfit(fit, pixels.usable), np.arange(5) > 0)
+    found, offset = splits(fit, misfit(fit, pixels.usable), np.arange(5) > 0)
     assert found.shape == (0,)
     assert offset.shape == (0, 3)
 
@@ -110,7 +110,7 @@ def test_equations_are_those_of_dense_terms():
     pixels = pixels_of(noisy(np.array(ALONE), np.full(4, ELECTRONS)))
     _, fit = fitted(pixels, ALONE, np.full(4, 0.9 * ELECTRONS))
     which = np.array([1, 3])
-    normal, right = equations(OF_POINTS, fit, which)
+    normal, right = equations(fit, which)
     for n, particle in enumerate(which):
         weighed = terms_of(fit.position_mm[particle]) * fit.light[particle] * fit.weight[:, None]
         whole = weighed.T @ weighed

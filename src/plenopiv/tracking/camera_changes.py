@@ -209,7 +209,8 @@ def _seen(of_points: PinholeLights, pixels: Pixels, limits_mm: Limits) -> Seen:
             f"self-calibration: {len(found.light)} particles are seen by all cameras, give {FEWEST}: more seeding or "
             f"light, or cameras that are wrong by less than {ROUGH_PX:g} px"
         )
-    return Seen(with_noise(pixels, of_points(found.position_mm), found.light), found.position_mm, found.light)
+    image = of_points(found.position_mm).image(found.light, pixels.counts.size)
+    return Seen(with_noise(pixels, image), found.position_mm, found.light)
 
 
 def apart_px(cameras: Sequence[PinholeCamera], others: Sequence[PinholeCamera], points_mm: Array) -> float:

@@ -1,6 +1,6 @@
 """Covariance of particles among their neighbours.
 
-Particles are taken some thousands at a time (``equations.parts``).
+Particles are taken an area at a time (``areas``), with those about it.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ from scipy.sparse import bsr_array
 
 from plenopiv.kernels import plain_kernel, plain_part
 from plenopiv.threads import in_threads
-from plenopiv.tracking.equations import diagonal, parts
+from plenopiv.tracking.areas import ABOUT, about, areas
+from plenopiv.tracking.equations import diagonal
 from plenopiv.tracking.refine import Fit
 
 NEIGHBOURS = 31  # that share most information with a particle; the rest are taken as known
+TOGETHER = 10_000  # particles of an area, whose equations are made with those about it: more than are fitted together
 LEAST = 1e-5  # of a parameter's information is left, whatever its neighbours do: above the rounding of single precision
 
 Array = NDArray[np.float64]
@@ -99,9 +101,10 @@ def _of_particles(
 def covariance_of(fit: Fit, neighbours: int = NEIGHBOURS) -> Array:
     """Covariance (n, 4, 4) of the parameters of a fit's particles, in the units of its normal equations: those of
     ``neighbours`` that share most information with a particle are free as well."""
-    out = np.empty((len(fit.light), 4, 4))
-    for part, near in parts(fit.lights, fit.position_mm[:, :2], len(fit.weight)):
-        out[part] = covariance_among(fit.normal(near), np.searchsorted(near, part), neighbours)
+    out, place = np.empty((len(fit.light), 4, 4)), fit.position_mm[:, :2]
+    for area in areas(place, most=TOGETHER):
+        near = about(place, area, ABOUT * fit.unit_mm[:2])
+        out[area] = covariance_among(fit.normal(near), np.searchsorted(near, area), neighbours)
     return out
 
 

@@ -2,13 +2,10 @@
 
 Unknowns are x, y, z in ``Lights.unit_mm`` and light in units of each particle's own. With J (pixels, 4n) the
 derivatives of pixels' counts by the unknowns, each over its pixel's standard deviation, the equations are J^T J: a
-4 x 4 block for each two particles that share pixels. These are hundreds to a particle where volumes are deep, so blocks
-are made of a part of the particles at a time, which lie together, and of all that share pixels with them.
+4 x 4 block for each two particles that share pixels, hundreds to a particle where volumes are deep.
 """
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,44 +17,7 @@ from plenopiv.tracking.light import Lights
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-Numbers = NDArray[np.int64]
 TELLING = 0.03  # a third of the entries say less than this much of what one says on the average: .2 % of all
-TOGETHER = 12_000  # particles whose equations are solved at a time: 2 GB at the most
-
-
-def parts(lights: Lights, place: Array, pixels: int) -> Iterator[tuple[Numbers, Numbers]]:
-    """Particles at ``place`` (n, 2) in parts of at most TOGETHER: the numbers of each, and of all that share any of the
-    ``pixels`` with them, themselves included, ascending."""
-    n = len(place)
-    if n <= TOGETHER:
-        yield np.arange(n), np.arange(n)
-        return
-    lit, shared = np.zeros(pixels, np.bool_), np.empty(n, np.bool_)
-    first, last = np.empty(n, np.int32), np.empty(n, np.int32)
-    in_threads(normal_kernels.pixel_ranges, n, lights.start, lights.pixel, first, last)
-    for part in together(place, TOGETHER):
-        own = np.concatenate([lights.pixel[lights.start[i] : lights.start[i + 1]] for i in part])
-        lit[own] = True
-        ends = (int(own.min()), int(own.max())) if len(own) else (0, -1)
-        in_threads(normal_kernels.share_pixels, n, lights.start, lights.pixel, first, last, *ends, lit, shared)
-        lit[own] = False
-        shared[part] = True
-        yield part, np.flatnonzero(shared)
-
-
-def together(place: Array, most: int) -> list[Numbers]:
-    """Points at ``place`` (n, 2) in parts of at most ``most`` that lie together, each ascending: halves of halves,
-    along the longer side."""
-    large, small = [np.arange(len(place))], list[Numbers]()
-    while large:
-        part = large.pop()
-        if len(part) <= most:
-            small.append(part)
-            continue
-        axis = int(np.argmax(np.ptp(place[part], axis=0)))
-        order = np.argsort(place[part, axis], kind="stable")
-        large += [np.sort(part[half]) for half in np.array_split(order, 2)]
-    return small
 
 
 def entries(lights: Lights) -> tuple[NDArray, ...]:

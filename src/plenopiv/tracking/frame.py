@@ -12,9 +12,9 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking.covariance import NEIGHBOURS as MOST_NEIGHBOURS
 from plenopiv.tracking.covariance import covariance_of
 from plenopiv.tracking.evidence import misfit, without_evidence
-from plenopiv.tracking.light import LightOfPoints, Lights
+from plenopiv.tracking.light import LightOfPoints
 from plenopiv.tracking.pixels import SAMPLE, Pixels
-from plenopiv.tracking.refine import Fit, Prior, fit_light, refine
+from plenopiv.tracking.refine import Fit, Prior, first_light, refine
 from plenopiv.tracking.splits import crowded, near_any, splits
 from plenopiv.volume import Limits
 
@@ -25,9 +25,9 @@ FEW = 0.01  # share of particles left out and found below which no other pass fo
 LAST_STEPS = 6
 STILL = 0.03  # standard deviations by which its own pixels must pull a particle for it to move, in the last fit ...
 ROUGHLY = 0.1  # ... and on the way
-LOOSE = 1e-2  # tolerance of conjugate gradients on the way
 BEGUN = 1.5  # times the median's misfit that counts against a particle on the way, where it has only begun to fit
 NEAR, ROUGHLY_NEAR = 0.01, 0.04  # units within which light follows its derivatives, in the last fit and on the way
+UNLIT = 1e-7  # counts of a pixel that no particle lights
 FIRST_LIGHT = 0.5  # of the median particle's, of a particle that is found in what is left
 
 NONE = "tracking: the pixels speak for no particle; check camera, calibration and noise with plenopiv check"
@@ -81,21 +81,21 @@ def particles_of_frame(
     if len(light) == 0:
         raise PlenoPIVError(NONE)
     prior = Prior(position_mm, of_points.prior_std_mm)
-    lights = [of_points(position_mm)]  # handed on by pop(), so that what is moved is let go
-    light = fit_light(lights[0], pixels, light)
-    position, known = position_mm, np.empty((0, 3))  # known: of which particles it is known whether they are two
+    light = first_light(of_points, pixels, position_mm, light)
+    position, lights, image = position_mm, None, None
+    known = np.empty((0, 3))  # of which particles it is known whether they are two
     for done in range(PASSES):
         steps = STEPS if done else FIRST_STEPS
-        fit = refine(of_points, pixels, position, light, prior, steps, lights.pop(), ROUGHLY, ROUGHLY_NEAR, LOOSE)
-        pixels = with_noise(pixels, fit.lights, fit.light)
+        fit = refine(of_points, pixels, position, light, prior, steps, ROUGHLY, ROUGHLY_NEAR, lights, image, done)
+        pixels = with_noise(pixels, fit.image)
         off = misfit(fit, pixels.usable)
         most = BEGUN * float(np.median(off))
         out = without_evidence(fit, covariance_of(fit, NEIGHBOURS), np.minimum(off, most))
         if out.all():
             raise PlenoPIVError(NONE)
         typical = float(np.median(fit.light[~out]))
-        asked = crowded(fit, off) & ~(out | near_any(fit.position_mm, known, fit.lights.unit_mm))
-        pairs, half = splits(of_points, fit, off, asked)
+        asked = crowded(fit, off) & ~(out | near_any(fit.position_mm, known, fit.unit_mm))
+        pairs, half = splits(fit, off, asked)
         excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
         places, _ = of_points.places(excess, limits_mm)
         if progress is not None:
@@ -105,21 +105,26 @@ def particles_of_frame(
         new = np.concatenate([places, middle + half, middle - half])
         known = np.concatenate([known, fit.position_mm[asked] if done else middle])  # the first fit is a rough one
         of_new = np.concatenate([np.full(len(places), FIRST_LIGHT * typical), np.tile(0.5 * fit.light[pairs], 2)])
-        lights.append(fit.lights.with_others(np.flatnonzero(~out), of_points(new)))
         position, light = np.concatenate([fit.position_mm[~out], new]), np.concatenate([fit.light[~out], of_new])
-        prior = Prior(np.concatenate([prior.position_mm[~out], new]), prior.std_mm)
+        prior, image = Prior(np.concatenate([prior.position_mm[~out], new]), prior.std_mm), fit.image
+        of_points(fit.position_mm[out]).add_to(image, -fit.light[out])
+        of_points(new).add_to(image, of_new)
+        lights = None if fit.kept is None else fit.kept.with_others(np.flatnonzero(~out), of_points(new))
         del fit
         if changes <= FEW * len(light):
             break
-    fit = refine(of_points, pixels, position, light, prior, LAST_STEPS, lights.pop(), STILL, NEAR)
+    fit = refine(of_points, pixels, position, light, prior, LAST_STEPS, STILL, NEAR, lights, image)
     return judged(fit, pixels)[0]
 
 
-def with_noise(pixels: Pixels, lights: Lights, light: Array, sample: int = SAMPLE) -> Pixels:
-    """The pixels with noise as particles of ``light`` (n,) leave it, measured on a ``sample`` of them."""
-    unlit = np.ones(len(pixels.counts), bool)
-    unlit[lights.pixel] = False
-    return pixels.with_measured_noise(unlit, lights.image(light, len(pixels.counts)), sample)
+def with_noise(pixels: Pixels, image: Array, sample: int = SAMPLE) -> Pixels:
+    """The pixels with noise as particles of so many counts in the ``image`` leave it, measured on a ``sample``."""
+    return pixels.with_measured_noise(~lit_by(image), image, sample)
+
+
+def lit_by(image: Array) -> NDArray[np.bool_]:
+    """Which pixels any particle lights: sums leave rounding where light was taken away again."""
+    return image > UNLIT
 
 
 def judged(fit: Fit, pixels: Pixels, neighbours: int = MOST_NEIGHBOURS) -> tuple[FrameParticles, NDArray[np.bool_]]:
@@ -128,12 +133,10 @@ def judged(fit: Fit, pixels: Pixels, neighbours: int = MOST_NEIGHBOURS) -> tuple
     covariance, off = covariance_of(fit, neighbours), misfit(fit, pixels.usable)
     kept = ~without_evidence(fit, covariance, off)
     scale = np.maximum(off[kept], 1.0)
-    unit_mm = fit.lights.unit_mm
+    unit_mm = fit.unit_mm
     information, pull = _of_pixels_alone(fit.position_mm[kept], covariance[kept], fit.prior.of(kept), unit_mm)
     unit = np.concatenate([np.broadcast_to(unit_mm, (len(fit.light), 3)), fit.light[:, None]], 1)[kept]
-    lit = np.zeros(len(pixels.counts), bool)
-    lit[fit.lights.pixel] = True
-    lit &= pixels.usable
+    lit = lit_by(fit.image) & pixels.usable
     found = FrameParticles(
         fit.position_mm[kept],
         fit.light[kept],

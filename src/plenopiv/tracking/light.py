@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import ceil, cos, floor, pi, sin
 from typing import Any, Protocol
 
@@ -59,8 +59,23 @@ class Lights:
     def image(self, light: Array, pixels: int) -> Array:
         """Counts in each of ``pixels`` of points of so much ``light`` (n,)."""
         out = np.zeros(pixels)
-        entry_kernels.sum_light(self.start, self.pixel, self.share, np.asarray(light, np.float64), out)
+        self.add_to(out, light)
         return out
+
+    def add_to(self, image: Array, light: Array) -> None:
+        """Add the counts of points of so much ``light`` (n,) to an image of all pixels."""
+        entry_kernels.sum_light(self.start, self.pixel, self.share, np.asarray(light, np.float64), image)
+
+    def of_lit(self) -> tuple[NDArray[np.int64], Lights]:
+        """The pixels (k,) that any point lights, ascending, and the same lights in an image of these alone."""
+        if not len(self.pixel):
+            return np.empty(0, np.int64), self
+        first = self.pixel.min()
+        own = self.pixel - first
+        lit = np.zeros(int(own.max()) + 1, np.bool_)
+        lit[own] = True
+        number = np.cumsum(lit, dtype=np.int32)
+        return np.flatnonzero(lit) + int(first), replace(self, pixel=number[own] - np.int32(1))
 
     def of(self, which: NDArray[np.int64]) -> Lights:
         """The light of the points ``which`` alone."""

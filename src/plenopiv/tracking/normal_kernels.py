@@ -142,36 +142,6 @@ def whiten(
 
 
 @kernel
-def share_pixels(
-    begin: int, end: int, start: Int, pixel: NDArray[np.int32],
-    first: NDArray[np.int32], last: NDArray[np.int32],  # (n,): of each particle's pixels
-    low: int, high: int, lit: NDArray[np.bool_],  # first and last lit pixel; (pixels,)
-    shared: NDArray[np.bool_],  # (n,), filled
-) -> None:  # fmt: skip
-    """Which of the particles ``begin`` to ``end`` light a pixel of those that are ``lit``."""
-    for i in range(begin, end):
-        shared[i] = False
-        if first[i] <= high and last[i] >= low:
-            for e in range(start[i], start[i + 1]):
-                if lit[pixel[e]]:
-                    shared[i] = True
-                    break
-
-
-@kernel
-def pixel_ranges(
-    begin: int, end: int, start: Int, pixel: NDArray[np.int32],
-    first: NDArray[np.int32], last: NDArray[np.int32],  # (n,), filled
-) -> None:  # fmt: skip
-    """First and last pixel of the particles ``begin`` to ``end``; a range of none for those that light none."""
-    for i in range(begin, end):
-        lo, hi = np.int32(2**31 - 1), np.int32(-1)
-        for e in range(start[i], start[i + 1]):
-            lo, hi = min(lo, pixel[e]), max(hi, pixel[e])
-        first[i], last[i] = lo, hi
-
-
-@kernel
 def mean_misfit(
     begin: int, end: int, start: Int, pixel: NDArray[np.int32], share: NDArray[np.float32],
     chi2: NDArray[np.float64],  # (pixels,); NaN: cannot be used

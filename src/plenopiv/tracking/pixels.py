@@ -89,6 +89,16 @@ class Pixels:
             out.append(Pixels(self.counts[lo:hi], self.usable[lo:hi], noise, gain, behind, static))
         return out
 
+    def of(self, which: NDArray[np.int64]) -> Pixels:
+        """The pixels ``which``, of one or of several cameras."""
+
+        def some(values: Array | float) -> Array | float:
+            return values[which] if isinstance(values, np.ndarray) else values
+
+        noise, gain = some(self.noise), some(self.counts_per_electron)
+        behind = some(self.background), some(self.static)
+        return Pixels(self.counts[which], self.usable[which], noise, gain, *behind)
+
     def variance(self, light: Array) -> Array:
         """Variance in counts^2 of pixels that expect ``light`` counts of particles."""
         return self.counts_per_electron * (np.maximum(light + self.background, 0.0) + self.static) + self.noise

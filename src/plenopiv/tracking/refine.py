@@ -8,10 +8,14 @@ and light minimise
 Each iteration asks by how much chi^2 falls where a particle moves alone, a sum over its pixels. Those that would gain
 less than STILL^2 rest: their light is known from before. The others move together: the normal equations couple
 particles that share pixels by 4 x 4 blocks, so the matrix is sparse, and conjugate gradients with each particle's own
-block as preconditioner need a few tens of products; their exact light and its derivatives are computed anew. Some
-thousands of particles are solved for at a time, with all that share pixels with them free as well, which are then left
-where they are (restricted additive Schwarz: Cai & Sarkis 1999). The prior keeps particles in the dead zone, whose depth
-no pixel tells, where they were first seen; it is wide against the error of any other.
+block as preconditioner need a few tens of products; their exact light and its derivatives are computed anew. The prior
+keeps particles in the dead zone, whose depth no pixel tells, where they were first seen; it is wide against any other's
+error.
+
+Of very many particles those of one area (``areas``) are fitted after those of another, the light of all others taken
+as it is by then (block Gauss-Seidel, or multiplicative Schwarz: Saad, *Iterative Methods for Sparse Linear Systems*,
+section 14.3). Areas are cut elsewhere each time, so that of two that are coupled both are soon in one. Lists of pixels
+are then made of an area at a time, and never of all particles.
 
 Source: Bjorck, *Numerical Methods for Least Squares Problems* (1996), sections 7.4 and 9.2; the same normal equations
 are the Fisher information of ``accuracy.bound``, so their inverse is the covariance.
@@ -19,7 +23,7 @@ are the Fisher information of ``accuracy.bound``, so their inverse is the covari
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +31,8 @@ from scipy.sparse import bsr_array, csr_array
 from scipy.sparse.linalg import LinearOperator, cg
 
 from plenopiv.threads import in_threads
-from plenopiv.tracking import normal_kernels
-from plenopiv.tracking.equations import normal_equations, own_equations, parts, with_information
+from plenopiv.tracking import areas, normal_kernels
+from plenopiv.tracking.equations import normal_equations, own_equations, with_information
 from plenopiv.tracking.light import LightOfPoints, Lights
 from plenopiv.tracking.pixels import Pixels
 
@@ -39,6 +43,7 @@ DAMPING = 1e-3  # of each particle's own information (Levenberg-Marquardt)
 LEAST_KNOWN = 1e-12  # information added to a particle's, of whose light no pixel is used
 LARGEST_STEP = np.array([1.2, 1.2, 1.6])  # units: farther the derivatives do not hold
 OUTLYING = 4.0  # standard deviations from which on pixels count less, as light of a particle not yet found (Huber 1981)
+A_TURN = 4  # iterations of an area before the others are fitted to what it leaves
 LEAST_LIGHT = 1e-3  # of the median: light stays positive
 
 
@@ -68,24 +73,37 @@ class Prior:
 
 @dataclass(frozen=True)
 class Fit:
-    """Particles fitted to the pixels: ``position_mm`` (n, 3), ``light`` (n,) counts; ``lights``: where their light
-    goes; ``residual``, ``variance`` and ``weight``, one over the standard deviation that it counts with, of each pixel;
-    ``prior``: of the particles."""
+    """Particles fitted to the pixels: ``position_mm`` (n, 3), ``light`` (n,) counts; ``image``: counts of all of them,
+    ``residual``, ``variance`` and ``weight``, one over the standard deviation that it counts with, of each pixel;
+    ``prior``: of the particles; ``unit_mm`` (3,): of the unknowns; ``kept``: where light goes, where there are not too
+    many particles to keep that."""
 
+    of_points: LightOfPoints
     position_mm: Array
     light: Array
-    lights: Lights
+    image: Array
     residual: Array
     variance: Array
     weight: Single
     prior: Prior
+    unit_mm: Array
+    kept: Lights | None
+
+    @property
+    def lights(self) -> Lights:
+        """Where the light of all particles goes."""
+        return self.of_points(self.position_mm) if self.kept is None else self.kept
+
+    def lights_of(self, which: NDArray[np.int64]) -> Lights:
+        """Where that of the particles ``which``, ascending, goes."""
+        return self.of_points(self.position_mm[which]) if self.kept is None else _of(self.kept, which)
 
     def normal(self, which: NDArray[np.int64] | None = None) -> bsr_array:
         """The normal equations (4m, 4m) of the particles ``which`` (m,), ascending, or of all, the prior's information
-        included, in units of ``Lights.unit_mm`` and of each one's light."""
+        included, in units of ``unit_mm`` and of each one's light."""
         which = np.arange(len(self.light)) if which is None else which
-        normal = normal_equations(_of(self.lights, which), self.light[which], self.weight)
-        with_information(normal, self.prior.of(which).information(self.lights.unit_mm))
+        normal = normal_equations(self.lights_of(which), self.light[which], self.weight)
+        with_information(normal, self.prior.of(which).information(self.unit_mm))
         return normal
 
 
@@ -96,26 +114,51 @@ def refine(
     light: Array,
     prior: Prior,
     iterations: int,
-    lights: Lights | None = None,
     still: float = 0.0,
     near: float = 0.0,
-    tolerance: float = TOLERANCE,
+    lights: Lights | None = None,
+    image: Array | None = None,
+    turn: int = 0,
 ) -> Fit:
     """Fit particles by ``iterations`` of Gauss-Newton, at most, from positions (n, 3) mm and light (n,) counts.
-    ``lights``: of the positions, where it is known; ``still``: the root of chi^2 that a particle must gain to move;
-    ``near``: units of ``Lights.unit_mm`` within which light follows its derivatives, without being computed anew;
-    ``tolerance``: of conjugate gradients."""
-    first = [of_points(position_mm) if lights is None else lights]
-    del lights  # handed on by pop(), so that what is moved is let go
-    position, light, lights = stepped(
-        of_points, pixels, position_mm, light, prior, iterations, first.pop(), still=still, near=near
-    )
-    residual, variance = residual_of(lights, pixels, light)
+    ``still``: the root of chi^2 that a particle must gain to move; ``near``: units of ``Lights.unit_mm`` within which
+    light follows its derivatives, without being computed anew; ``lights``: of the positions, and ``image``: counts of
+    all particles in each pixel, where they are known; ``turn``: how areas are cut."""
+    position, light = np.array(position_mm, np.float64), np.array(light, np.float64)
+    if len(light) <= areas.TOGETHER:
+        begin = position, light, prior, iterations, of_points(position) if lights is None else lights
+        position, light, kept = _stepped(of_points, pixels, *begin, None, still, near)
+        image, unit = kept.image(light, len(pixels.counts)), kept.unit_mm
+    else:
+        kept, unit = None, of_points(position[:1]).unit_mm
+        known = image_of(of_points, position, light, len(pixels.counts)) if image is None else image
+        image = known.copy()
+        for number, steps in enumerate(_turns(iterations)):
+            for area in areas.areas(position[:, :2], turn + number):
+                own = of_points(position[area])
+                own.add_to(image, -light[area])
+                begin = position[area], light[area], prior.of(area), steps, own
+                position[area], light[area], own = _stepped(of_points, pixels, *begin, image, still, near)
+                own.add_to(image, light[area])
+    residual, variance = residual_of(image, pixels)
     weight, _ = pixel_weights(pixels.usable, residual, variance)
-    return Fit(position, light, lights, residual, variance, weight, prior)
+    return Fit(of_points, position, light, image, residual, variance, weight, prior, unit, kept)
 
 
-def stepped(
+def _turns(iterations: int) -> list[int]:
+    """Iterations of each time that all areas are gone through."""
+    return [min(A_TURN, iterations - done) for done in range(0, iterations, A_TURN)]
+
+
+def image_of(of_points: LightOfPoints, position_mm: Array, light: Array, pixels: int) -> Array:
+    """Counts in each of ``pixels`` of particles at positions (n, 3) mm and of light (n,) counts."""
+    image = np.zeros(pixels)
+    for area in areas.areas(position_mm[:, :2]):
+        of_points(position_mm[area]).add_to(image, light[area])
+    return image
+
+
+def _stepped(
     of_points: LightOfPoints,
     pixels: Pixels,
     position_mm: Array,
@@ -123,19 +166,23 @@ def stepped(
     prior: Prior,
     iterations: int,
     lights: Lights,
-    *,
+    others: Array | None,
     still: float,
     near: float,
-    tolerance: float = TOLERANCE,
 ) -> tuple[Array, Array, Lights]:
-    """Positions, light and where it goes after ``iterations``, as ``refine``; ``tolerance``: of conjugate gradients."""
+    """Positions, light and where it goes after ``iterations`` of all particles together, as ``refine``. ``others``:
+    counts of other particles in each pixel, which stay where they are."""
     position, light, unit = position_mm.copy(), light.copy(), lights.unit_mm
     of_priors = prior.information(unit)
     since = np.zeros_like(position)  # steps, in units, since a particle's light was computed
     for _ in range(iterations):
-        residual, variance = residual_of(lights, pixels, light)
-        weight, pull = pixel_weights(pixels.usable, residual, variance)
-        own, slope = own_equations(lights, light, weight, pull)
+        of_lit, seen = lights, pixels
+        if others is not None:
+            lit, of_lit = lights.of_lit()
+            seen = pixels.of(lit)
+            seen = replace(seen, background=seen.background + others[lit])
+        weight, pull = pixel_weights(seen.usable, *residual_of(of_lit.image(light, len(seen.counts)), seen))
+        own, slope = own_equations(of_lit, light, weight, pull)
         slope[:, :3] += of_priors * (prior.position_mm - position) / unit
         known = own + LEAST_KNOWN * np.eye(4)
         for axis in range(3):
@@ -144,19 +191,16 @@ def stepped(
         which = np.flatnonzero(gain > still**2)
         if len(which) == 0:
             break
-        some, step, of_prior = _of(lights, which), np.empty((len(which), 4)), of_priors[which]
-        for part, around in parts(some, position[which, :2], len(weight)):
-            normal = normal_equations(_of(some, around), light[which[around]], weight)
-            own = with_information(normal, of_prior[around])
-            step[part] = _solved(normal, own, slope[which[around]], tolerance)[np.searchsorted(around, part)]
-            del normal
+        normal = normal_equations(_of(of_lit, which), light[which], weight)
+        del of_lit
+        step = _solved(normal, with_information(normal, of_priors[which]), slope[which])
+        del normal
         moved = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
         position[which] += unit * moved
         least = LEAST_LIGHT * float(np.median(light))
         light[which] = np.maximum(light[which] * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
         since[which] += moved
         far = np.abs(since[which]).max(1) > near
-        del some
         if not far.all():
             lights = lights.shifted(which[~far], unit * moved[~far])
         if far.any():
@@ -176,7 +220,7 @@ def fit_light(lights: Lights, pixels: Pixels, light: Array, iterations: int = 3)
     """The light (n,) in counts that fits best where ``lights`` are; positive."""
     start = lights.start.astype(np.int32 if lights.start[-1] < 2**31 else np.int64)
     for _ in range(iterations):
-        residual, variance = residual_of(lights, pixels, light)
+        residual, variance = residual_of(lights.image(light, len(pixels.counts)), pixels)
         weight = np.where(pixels.usable, 1.0 / variance, 0.0)
         whitened, own, slope = np.empty(len(lights.pixel), np.float32), np.empty(len(light)), np.empty(len(light))
         entries = lights.start, lights.pixel, lights.share
@@ -190,10 +234,22 @@ def fit_light(lights: Lights, pixels: Pixels, light: Array, iterations: int = 3)
     return light
 
 
-def residual_of(lights: Lights, pixels: Pixels, light: Array) -> tuple[Array, Array]:
-    """Counts that particles do not explain, and the variance, of each pixel."""
-    expected = lights.image(light, len(pixels.counts))
-    return np.where(pixels.usable, pixels.counts - pixels.background - expected, 0.0), pixels.variance(expected)
+def first_light(of_points: LightOfPoints, pixels: Pixels, position_mm: Array, light: Array) -> Array:
+    """The light (n,) in counts that fits best at positions (n, 3) mm, as ``fit_light``, one area after the other."""
+    image, light = image_of(of_points, position_mm, light, len(pixels.counts)), light.copy()
+    for area in areas.areas(position_mm[:, :2]):
+        own = of_points(position_mm[area])
+        own.add_to(image, -light[area])
+        lit, of_lit = own.of_lit()
+        seen = pixels.of(lit)
+        light[area] = fit_light(of_lit, replace(seen, background=seen.background + image[lit]), light[area])
+        own.add_to(image, light[area])
+    return light
+
+
+def residual_of(image: Array, pixels: Pixels) -> tuple[Array, Array]:
+    """Counts that particles, of so many counts in the ``image``, do not explain, and the variance, of each pixel."""
+    return np.where(pixels.usable, pixels.counts - pixels.background - image, 0.0), pixels.variance(image)
 
 
 def pixel_weights(usable: NDArray[np.bool_], residual: Array, variance: Array) -> tuple[Single, Single]:
@@ -205,7 +261,7 @@ def pixel_weights(usable: NDArray[np.bool_], residual: Array, variance: Array) -
     return weight.astype(np.float32), (weight * residual).astype(np.float32)
 
 
-def _solved(normal: bsr_array, own: Array, slope: Array, tolerance: float) -> Array:
+def _solved(normal: bsr_array, own: Array, slope: Array) -> Array:
     """The step (n, 4), in units, that solves the damped equations."""
     diagonal = np.einsum("nii->ni", own)
     damping = DAMPING * diagonal + LEAST_KNOWN
@@ -222,7 +278,7 @@ def _solved(normal: bsr_array, own: Array, slope: Array, tolerance: float) -> Ar
     step, _ = cg(
         LinearOperator(shape, times),
         slope.ravel(),
-        rtol=tolerance,
+        rtol=TOLERANCE,
         maxiter=PRODUCTS,
         M=LinearOperator(shape, precondition),
     )

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
+from plenopiv.tracking.areas import areas
+from plenopiv.tracking.equations import own_equations
 from plenopiv.tracking.frame import (
     FIRST_LIGHT,
-    LOOSE,
     NONE,
     ROUGHLY,
     ROUGHLY_NEAR,
@@ -23,9 +24,9 @@ from plenopiv.tracking.frame import (
     judged,
     with_noise,
 )
-from plenopiv.tracking.light import LightOfPoints, Lights
+from plenopiv.tracking.light import LightOfPoints
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.refine import Prior, own_equations, pixel_weights, refine, residual_of, stepped
+from plenopiv.tracking.refine import Prior, image_of, pixel_weights, refine, residual_of
 from plenopiv.volume import Limits
 
 PRESENT = 0.4  # of its predicted light that a particle's pixels must hold
@@ -58,46 +59,43 @@ def particles_of_prediction(
     if len(light) == 0:
         raise PlenoPIVError(NONE)
     wide = of_points.prior_std_mm
-    lights = of_points(position_mm)
-    pixels, light, present = _present(lights, pixels, light)
+    pixels, light, present = _present(of_points, pixels, position_mm, light)
     if not present.any():
         raise PlenoPIVError(NONE)
     origin = np.flatnonzero(present)
     prior = Prior(position_mm[origin], np.minimum(std_mm[origin], wide))
-    position, light, lights = position_mm[origin], light[origin], lights.of(origin)
+    position, light = position_mm[origin], light[origin]
     for done in range(PASSES):
-        position, light, lights = stepped(
-            of_points, pixels, position, light, prior, 1, lights, still=ROUGHLY, near=ROUGHLY_NEAR, tolerance=LOOSE
-        )
-        pixels = with_noise(pixels, lights, light, NOISE_OF)
-        residual, variance = residual_of(lights, pixels, light)
+        fit = refine(of_points, pixels, position, light, prior, 1, ROUGHLY, ROUGHLY_NEAR)
+        pixels = with_noise(pixels, fit.image, NOISE_OF)
+        residual, variance = residual_of(fit.image, pixels)
         excess = np.where(pixels.usable, residual / np.sqrt(variance), np.nan)
         new, _ = of_points.places(excess, limits_mm, POOR)
         if progress is not None:
             progress(done + 1, PASSES + 1)
-        lights, position, prior = (
-            lights.with_others(np.arange(len(light)), of_points(new)),
-            np.concatenate([position, new]),
-            prior.joined(new, wide),
-        )
-        light = np.concatenate([light, np.full(len(new), FIRST_LIGHT * float(np.median(light)))])
+        position, prior = np.concatenate([fit.position_mm, new]), prior.joined(new, wide)
+        light = np.concatenate([fit.light, np.full(len(new), FIRST_LIGHT * float(np.median(fit.light)))])
         origin = np.concatenate([origin, np.full(len(new), -1)])
         if len(new) <= MANY * len(light):
             break
-    fit = refine(of_points, pixels, position, light, prior, STEPS, lights, ROUGHLY, ROUGHLY_NEAR)
+    fit = refine(of_points, pixels, position, light, prior, STEPS, ROUGHLY, ROUGHLY_NEAR)
     found, kept = judged(fit, pixels, NEIGHBOURS)
     return found, origin[kept]
 
 
-def _present(lights: Lights, pixels: Pixels, light: Array) -> tuple[Pixels, Array, NDArray[np.bool_]]:
+def _present(
+    of_points: LightOfPoints, pixels: Pixels, position_mm: Array, light: Array
+) -> tuple[Pixels, Array, NDArray[np.bool_]]:
     """The pixels with their noise, the light with the factor of this frame, and which particles are there."""
-    ratio = np.ones(len(light))
+    image, ratio = image_of(of_points, position_mm, light, len(pixels.counts)), np.ones(len(light))
     for turn in range(2):
         if turn == 0:
-            pixels = with_noise(pixels, lights, light, NOISE_OF)
+            pixels = with_noise(pixels, image, NOISE_OF)
         else:
-            light = light * max(float(np.median(ratio)), 0.1)
-        weight, pull = pixel_weights(pixels.usable, *residual_of(lights, pixels, light))
-        own, slope = own_equations(lights, light, weight, pull)
-        ratio = 1.0 + slope[:, 3] / np.maximum(own[:, 3, 3], 1e-30)
+            brighter = max(float(np.median(ratio)), 0.1)
+            image, light = brighter * image, brighter * light
+        weight, pull = pixel_weights(pixels.usable, *residual_of(image, pixels))
+        for area in areas(position_mm[:, :2]):
+            own, slope = own_equations(of_points(position_mm[area]), light[area], weight, pull)
+            ratio[area] = 1.0 + slope[:, 3] / np.maximum(own[:, 3, 3], 1e-30)
     return pixels, light, ratio > PRESENT

@@ -16,16 +16,16 @@ Array = NDArray[np.float64]
 
 @part
 def _reach(
-    i: int, steps: int, n: int, start: Int, pixel: NDArray[np.int32], moved_start: Int, moved_pixel: NDArray[np.int32]
+    n: int, steps: int, start: Int, pixel: NDArray[np.int32], moved_start: Int, moved_pixel: NDArray[np.int32]
 ) -> tuple[int, int, int]:
-    """The first and the last pixel of particle i, the n-th that is asked, and of its steps; how many entries."""
+    """The first and the last pixel of particle n and of its steps; how many entries."""
     low, high = 2**31 - 1, -1
-    for e in range(start[i], start[i + 1]):
+    for e in range(start[n], start[n + 1]):
         low, high = min(low, int(pixel[e])), max(high, int(pixel[e]))
     first, last = moved_start[steps * n], moved_start[steps * (n + 1)]
     for e in range(first, last):
         low, high = min(low, int(moved_pixel[e])), max(high, int(moved_pixel[e]))
-    return low, high, int(start[i + 1] - start[i] + last - first)
+    return low, high, int(start[n + 1] - start[n] + last - first)
 
 
 @part
@@ -40,7 +40,6 @@ def _row_of(pixel: int, low: int, place: NDArray[np.int32], mine: NDArray[np.int
 @kernel
 def derivative_equations(
     begin: int, end: int,
-    which: Int,  # (m,): particles
     start: Int, pixel: NDArray[np.int32], share: NDArray[np.float32], gradient: NDArray[np.float32],
     moved_start: Int, moved_pixel: NDArray[np.int32], moved_gradient: NDArray[np.float32],  # steps of each, in order
     step: Array,  # (steps, 3), units: where to; sums to 0
@@ -48,7 +47,7 @@ def derivative_equations(
     weight: NDArray[np.float32], residual: Array,  # (pixels,): 1 / std, counts
     normal: Array, right: Array,  # (m, 11, 11), (m, 11), filled
 ) -> None:  # fmt: skip
-    """Of the particles ``which[begin:end]``, lengths in units: terms are the same light in all pixels, the particle's
+    """Of the particles ``begin`` to ``end``, lengths in units: terms are the same light in all pixels, the particle's
     share, its derivatives by place, and the six second ones, from those at places around, xy and so on for both
     orders."""
     steps = step.shape[0]
@@ -57,14 +56,13 @@ def derivative_equations(
         square += step[s, 0] * step[s, 0]
     most, span = 0, 0
     for n in range(begin, end):
-        low, high, count = _reach(which[n], steps, n, start, pixel, moved_start, moved_pixel)
+        low, high, count = _reach(n, steps, start, pixel, moved_start, moved_pixel)
         most, span = max(most, count), max(span, high - low + 1)
     place, terms, mine = np.full(span, -1, np.int32), np.empty((most, TERMS)), np.empty(most, np.int32)
     for n in range(begin, end):
-        i = which[n]
-        low, _, _ = _reach(i, steps, n, start, pixel, moved_start, moved_pixel)
+        low, _, _ = _reach(n, steps, start, pixel, moved_start, moved_pixel)
         count = 0
-        for e in range(start[i], start[i + 1]):
+        for e in range(start[n], start[n + 1]):
             at = _row_of(pixel[e], low, place, mine, terms, count)
             count = max(count, at + 1)
             terms[at, 1] += share[e]
@@ -90,7 +88,7 @@ def derivative_equations(
         for at in range(count):
             place[mine[at] - low] = -1
             terms[at, 0] = 1.0 / count
-            factor = light[i] * np.float64(weight[mine[at]])
+            factor = light[n] * np.float64(weight[mine[at]])
             left = residual[mine[at]] * np.float64(weight[mine[at]])
             for a in range(TERMS):
                 terms[at, a] *= factor

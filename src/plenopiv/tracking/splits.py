@@ -19,7 +19,6 @@ from scipy.spatial import cKDTree
 
 from plenopiv.threads import in_threads
 from plenopiv.tracking.equations import entries
-from plenopiv.tracking.light import LightOfPoints
 from plenopiv.tracking.refine import Fit
 from plenopiv.tracking.split_kernels import FREE, TERMS, derivative_equations
 
@@ -35,31 +34,29 @@ PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 Array = NDArray[np.float64]
 
 
-def splits(
-    of_points: LightOfPoints, fit: Fit, misfits: Array, asked: NDArray[np.bool_]
-) -> tuple[NDArray[np.int64], Array]:
+def splits(fit: Fit, misfits: Array, asked: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
     """Which particles (m,) of a fit may be two, of those ``asked`` (n,), and where from there (m, 3) mm either of the
     two is. ``misfits`` (n,): of ``evidence.misfit``."""
-    which, unit = np.flatnonzero(asked), fit.lights.unit_mm
+    which, unit = np.flatnonzero(asked), fit.unit_mm
     found, half = [np.empty(0, np.int64)], [np.empty((0, 3))]
     for first in range(0, len(which), TOGETHER):
         some = which[first : first + TOGETHER]
-        gain, offset = pairs(*equations(of_points, fit, some))
+        gain, offset = pairs(*equations(fit, some))
         two = (gain > LEAST * np.maximum(misfits[some], 1.0)) & np.isfinite(offset).all(1)
         found.append(some[two])
         half.append(offset[two] * unit)
     return np.concatenate(found), np.concatenate(half)
 
 
-def equations(of_points: LightOfPoints, fit: Fit, which: NDArray[np.int64]) -> tuple[Array, Array]:
+def equations(fit: Fit, which: NDArray[np.int64]) -> tuple[Array, Array]:
     """The normal equations (m, 11, 11) and right sides (m, 11) of the particles ``which`` (m,) of a fit: of stray
     light, light, place and the second derivatives by xx, yy, zz, xy, xz, yz, in units."""
-    lights = fit.lights
-    moved = of_points((fit.position_mm[which, None] + STEPS * lights.unit_mm).reshape(-1, 3))
+    lights = fit.lights_of(which)
+    moved = fit.of_points((fit.position_mm[which, None] + STEPS * fit.unit_mm).reshape(-1, 3))
     normal, right = np.empty((len(which), TERMS, TERMS)), np.empty((len(which), TERMS))
     in_threads(
-        derivative_equations, len(which), which, *entries(lights), moved.start, moved.pixel, moved.gradient,
-        STEPS, lights.unit_mm, fit.light, fit.weight, fit.residual, normal, right,
+        derivative_equations, len(which), *entries(lights), moved.start, moved.pixel, moved.gradient,
+        STEPS, fit.unit_mm, fit.light[which], fit.weight, fit.residual, normal, right,
     )  # fmt: skip
     return normal, right
 

@@ -1,0 +1,35 @@
+"""Areas of the plane, whose particles are treated together: cost and memory grow linearly with a frame."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+TOGETHER = 2000  # particles, at most
+CUTS = 0.5, 0.4  # share of an area's particles on the one side of its cut, in turn
+ABOUT = 50.0  # units about an area within which particles may be coupled with its own: farther ones are hardly
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+
+def areas(place: Array, turn: int = 0, most: int | None = None) -> list[Numbers]:
+    """Points at ``place`` (n, 2) in areas of ``most``, or TOGETHER, at the most, the numbers of each ascending: cut
+    along the longer side until that is so. ``turn``: areas of the next one are cut elsewhere."""
+    most = TOGETHER if most is None else most
+    large, small, cut = [np.arange(len(place))], list[Numbers](), CUTS[turn % len(CUTS)]
+    while large:
+        area = large.pop()
+        if len(area) <= most:
+            small.append(area)
+            continue
+        axis = int(np.argmax(np.ptp(place[area], axis=0)))
+        order = np.argsort(place[area, axis], kind="stable")
+        large += [np.sort(area[part]) for part in np.split(order, [round(cut * len(order))])]
+    return small
+
+
+def about(place: Array, area: Numbers, reach: Array) -> Numbers:
+    """The points at ``place`` (n, 2) within ``reach`` (2,) of an ``area``, its own included, ascending."""
+    low, high = place[area].min(0) - reach, place[area].max(0) + reach
+    return np.flatnonzero(((place >= low) & (place <= high)).all(1))
