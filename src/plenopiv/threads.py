@@ -75,6 +75,17 @@ def each_in_threads(make: Callable[[Item], Made], items: Sequence[Item]) -> Iter
 
 
 @contextmanager
+def one_thread() -> Iterator[None]:
+    """Kernels on the calling thread alone, which is one of several."""
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(threads)
+
+
+@contextmanager
 def one_blas_thread() -> Iterator[None]:
     """BLAS and LAPACK on one thread each. Their own threads wait for one another at each step: where other work shares
     the cores, a banded Cholesky factor took 15 times as long with two as with one."""

@@ -81,8 +81,12 @@ def test_no_particles(of_points):
             particles_of_frame(of_points, pixels, first, np.full(len(first), LIGHT), LIMITS)
 
 
-def test_bits_do_not_depend_on_the_number_of_threads(of_points):
+@pytest.mark.parametrize("together", [2000, 2], ids=["at once", "in areas, several at once"])
+def test_bits_do_not_depend_on_the_number_of_threads(monkeypatch, of_points, together):
     truth = seeded(0.15)
+    monkeypatch.setattr(areas, "TOGETHER", together)
+    cut = areas.areas(truth.position_mm[:, :2])
+    assert (max(map(len, areas.groups(cut))) > 1) == (together == 2)
     pixels, start = pixels_of(noisy(truth.position_mm, truth.electrons)), truth.position_mm + 0.2 * VOXEL_MM
     threads, found = numba.get_num_threads(), []
     try:
@@ -119,6 +123,10 @@ def test_areas_hold_each_point_once_and_are_cut_elsewhere_in_turn(monkeypatch):
         assert np.mean([np.prod(np.ptp(place[area], axis=0)) for area in cut]) < 3.0 / len(cut)  # they do not overlap
         first, second = (areas.areas(place, turn + k)[0] for k in (0, 1))
         assert set(first) != set(second)
+    group = areas.groups(cut)
+    assert np.sort(np.concatenate([area for some in group for area in some])).tolist() == list(range(500))
+    assert {len(some) for some in group} <= {len(cut) // 4, len(cut) % (len(cut) // 4)}
+    assert [len(some) for some in areas.groups(cut[:3])] == [1, 1, 1]
     reach = np.array([0.3, 0.1])
     near = areas.about(place, cut[0], reach)
     low, high = place[cut[0]].min(0), place[cut[0]].max(0)

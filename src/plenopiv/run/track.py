@@ -45,6 +45,7 @@ from plenopiv.run.track_pair import TrackJob, tracks_file
 from plenopiv.run.track_sequence import METHOD, SequenceJob, check_sequence
 from plenopiv.run.track_smooth import SmoothSequence, source
 from plenopiv.run.versions import versions
+from plenopiv.tracking.covariance import TOGETHER
 from plenopiv.tracking.tracks import joined
 
 if TYPE_CHECKING:
@@ -52,7 +53,9 @@ if TYPE_CHECKING:
 
 FILE, FOLDER = "tracks.nc", "tracking"
 OF_A_PAIR = ("links", "nodes_mm", "smoothing", "error_scale", "links_left_out")  # attributes of its field
-BYTES_AN_ENTRY = 60.0  # of a particle's light in a pixel, while all are fitted together
+BYTES_A_PIXEL = 60.0  # of a frame, while its particles are fitted
+BYTES_AN_ENTRY = 90.0  # of a particle's light in a pixel, while error bars are computed
+ABOUT = 1.5  # times the particles of an area are in it and about it
 SAMPLE = 100  # points whose pixels are counted for that
 
 log = logging.getLogger("plenopiv")
@@ -235,8 +238,9 @@ def _tell_memory(tracker: FrameTracker) -> None:
     low, high = np.transpose(chain.lens_grid.limits_mm())
     points = np.random.default_rng(0).uniform(low, high, (SAMPLE, 3))
     entries = float(tracker.of_points(points).start[-1]) / SAMPLE
+    pixels = chain.camera.sensor.rows * chain.camera.sensor.columns
     log.info(
-        "memory: about %.2g GB, and %.2g GB for 10,000 particles in a frame",
+        "memory: about %.2g GB, and at most %.2g GB for the particles of a frame",
         plan(chain).needed.peak / 1e9,
-        1e4 * entries * BYTES_AN_ENTRY / 1e9,
+        (pixels * BYTES_A_PIXEL + ABOUT * TOGETHER * entries * BYTES_AN_ENTRY) / 1e9,
     )

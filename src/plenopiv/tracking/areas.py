@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.threads import in_turn
+
 TOGETHER = 2000  # particles, at most
+AT_ONCE = 8  # areas fitted at once, at most
 CUTS = 0.5, 0.4  # share of an area's particles on the one side of its cut, in turn
 ABOUT = 50.0  # units about an area within which particles may be coupled with its own: farther ones are hardly
 
@@ -27,6 +30,14 @@ def areas(place: Array, turn: int = 0, most: int | None = None) -> list[Numbers]
         order = np.argsort(place[area, axis], kind="stable")
         large += [np.sort(area[part]) for part in np.split(order, [round(cut * len(order))])]
     return small
+
+
+def groups(cut: list[Numbers]) -> list[list[Numbers]]:
+    """Areas that may be fitted at once: a quarter of them at most, of all parts of the plane, so that those of a group
+    hardly touch. What a group is does not depend on the number of threads."""
+    count = max(min(AT_ONCE, len(cut) // 4), 1)
+    order = [cut[k] for k in in_turn(len(cut))]
+    return [order[first : first + count] for first in range(0, len(order), count)]
 
 
 def about(place: Array, area: Numbers, reach: Array) -> Numbers:

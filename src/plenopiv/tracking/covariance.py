@@ -18,7 +18,7 @@ from plenopiv.tracking.equations import diagonal
 from plenopiv.tracking.refine import Fit
 
 NEIGHBOURS = 31  # that share most information with a particle; the rest are taken as known
-TOGETHER = 10_000  # particles of an area, whose equations are made with those about it: more than are fitted together
+TOGETHER = 5000  # particles of an area, whose equations are made with those about it: more than are fitted together
 LEAST = 1e-5  # of a parameter's information is left, whatever its neighbours do: above the rounding of single precision
 
 Array = NDArray[np.float64]

@@ -14,8 +14,8 @@ error.
 
 Of very many particles those of one area (``areas``) are fitted after those of another, the light of all others taken
 as it is by then (block Gauss-Seidel, or multiplicative Schwarz: Saad, *Iterative Methods for Sparse Linear Systems*,
-section 14.3). Areas are cut elsewhere each time, so that of two that are coupled both are soon in one. Lists of pixels
-are then made of an area at a time, and never of all particles.
+section 14.3); areas that are far from each other are fitted at once. Areas are cut elsewhere each time, so that of two
+that are coupled both are soon in one. Lists of pixels are then never made of all particles together.
 
 Source: Bjorck, *Numerical Methods for Least Squares Problems* (1996), sections 7.4 and 9.2; the same normal equations
 are the Fisher information of ``accuracy.bound``, so their inverse is the covariance.
@@ -23,14 +23,16 @@ are the Fisher information of ``accuracy.bound``, so their inverse is the covari
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bsr_array, csr_array
 from scipy.sparse.linalg import LinearOperator, cg
 
-from plenopiv.threads import in_threads
+from plenopiv.threads import each_in_threads, in_threads, one_thread
 from plenopiv.tracking import areas, normal_kernels
 from plenopiv.tracking.equations import normal_equations, own_equations, with_information
 from plenopiv.tracking.light import LightOfPoints, Lights
@@ -134,15 +136,46 @@ def refine(
         known = image_of(of_points, position, light, len(pixels.counts)) if image is None else image
         image = known.copy()
         for number, steps in enumerate(_turns(iterations)):
-            for area in areas.areas(position[:, :2], turn + number):
-                own = of_points(position[area])
-                own.add_to(image, -light[area])
-                begin = position[area], light[area], prior.of(area), steps, own
-                position[area], light[area], own = _stepped(of_points, pixels, *begin, image, still, near)
-                own.add_to(image, light[area])
+            fitted = partial(_of_area, of_points, pixels, position, light, prior, steps, image, still, near)
+            for group in areas.groups(areas.areas(position[:, :2], turn + number)):
+                made = list(each_in_threads(fitted, group)) if len(group) > 1 else [fitted(group[0], alone=True)]
+                for area, (*moved, changes) in zip(group, made, strict=True):
+                    position[area], light[area] = moved
+                    for lit, counts in changes:
+                        image[lit] += counts
     residual, variance = residual_of(image, pixels)
     weight, _ = pixel_weights(pixels.usable, residual, variance)
     return Fit(of_points, position, light, image, residual, variance, weight, prior, unit, kept)
+
+
+def _of_area(
+    of_points: LightOfPoints,
+    pixels: Pixels,
+    position: Array,
+    light: Array,
+    prior: Prior,
+    iterations: int,
+    image: Array,
+    still: float,
+    near: float,
+    area: areas.Numbers,
+    alone: bool = False,
+) -> tuple[Array, Array, list[tuple[NDArray[np.int64], Array]]]:
+    """Positions and light of the particles of an ``area``, fitted among all others, of which the ``image`` is; pixels
+    and by how many counts they change. ``alone``: no other area is fitted at once."""
+    with nullcontext() if alone else one_thread():
+        own, others = of_points(position[area]), image.copy()
+        own.add_to(others, -light[area])
+        before = _counts(own, -light[area])
+        begin = position[area], light[area], prior.of(area), iterations, own
+        moved, brighter, own = _stepped(of_points, pixels, *begin, others, still, near)
+        return moved, brighter, [before, _counts(own, brighter)]
+
+
+def _counts(lights: Lights, light: Array) -> tuple[NDArray[np.int64], Array]:
+    """The pixels that particles of so much ``light`` light, and their counts."""
+    lit, of_lit = lights.of_lit()
+    return lit, of_lit.image(light, len(lit))
 
 
 def _turns(iterations: int) -> list[int]:
