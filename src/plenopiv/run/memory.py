@@ -15,12 +15,13 @@ from plenopiv.reconstruction.tiles import Tile, cut
 from plenopiv.volume import VoxelGrid
 
 KIB = 1024
+IMAGE = 10.0  # bytes of a pixel: its count, what is known of it, and what is being read
 LISTED = 0.36  # share of the voxels that dense ray tracing leaves, in a deep and densely seeded volume
-BASE = 260e6  # interpreter, libraries and compiled kernels, bytes
-REPORT = 485e6  # the same with all that draws the report, and what is known of a thousand pairs
+BASE = 355e6  # interpreter, libraries and compiled kernels, bytes
+REPORT = 500e6  # the same with all that draws the report, and what is known of a thousand pairs
 KEPT = 0.1  # of a volume's memory, once MART has left voxels out
 SPREAD = 4.4  # voxels of the laboratory that share the light of one of lens space, where they lie close together
-MEASURED = 0.1, 6  # share of the voxels that both volumes hold while they are correlated, and bytes of each
+MEASURED = 0.12, 6  # share of the voxels that both volumes hold while they are correlated, and bytes of each
 MOST_TILES = 64
 LAYER = 4.0  # planes for each plane of the deepest windows: of two volumes those in use, the next, and their sources
 # With a first guess of both frames: times what volumes take, bytes, and bytes for each voxel of a plane (20 planes).
@@ -104,7 +105,7 @@ def estimate(
     measured = 2.0 * MEASURED[0] * MEASURED[1] * (lens or grid).size
     if lens is not None and lens != grid:
         layers += 2 * SPREAD * KEPT * 8.0 * listed + 4.0 * min(nz, TOGETHER) * ny * nx
-    return MemoryEstimate(4.0 * pixels, layout + frame, 8.0 * listed, layers, measured)  # 8 bytes as they are listed
+    return MemoryEstimate(IMAGE * pixels, layout + frame, 8.0 * listed, layers, measured)  # 8 bytes as they are listed
 
 
 def of_settings(
