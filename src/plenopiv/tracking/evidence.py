@@ -37,8 +37,9 @@ def misfit(fit: Fit, usable: NDArray[np.bool_]) -> Array:
     return out
 
 
-def without_evidence(fit: Fit, covariance: Array, misfits: Array) -> NDArray[np.bool_]:
-    """Which particles (n,) are to be left out. ``covariance`` (n, 4, 4) in units of the normal equations."""
+def without_evidence(fit: Fit, covariance: Array, misfits: Array, swarms: bool = True) -> NDArray[np.bool_]:
+    """Which particles (n,) are to be left out. ``covariance`` (n, 4, 4) in units of the normal equations; ``swarms``:
+    those without evidence alone go at once."""
     evidence = 1.0 / np.maximum(covariance[:, 3, 3], 1e-30) / np.maximum(misfits, 1.0)
     weak = evidence < LEAST
     if not weak.any():
@@ -55,7 +56,8 @@ def without_evidence(fit: Fit, covariance: Array, misfits: Array) -> NDArray[np.
     i, j = few[i[strong]], few[j[strong]]
     stays = (evidence[i] > evidence[j]) | ((evidence[i] == evidence[j]) & (i > j))
     out[i[stays]] = False
-    out[few[alone(normal.data[own], misfits[few]) < LEAST]] = True
+    if swarms:
+        out[few[alone(normal.data[own], misfits[few]) < LEAST]] = True
     return out
 
 

@@ -131,7 +131,7 @@ def judged(fit: Fit, pixels: Pixels, neighbours: int = MOST_NEIGHBOURS) -> tuple
     """What the last fit found, without particles that the pixels do not speak for, and which (n,) are left.
     ``neighbours``: whose parameters are free in the error bars."""
     covariance, off = covariance_of(fit, neighbours), misfit(fit, pixels.usable)
-    kept = ~without_evidence(fit, covariance, off)
+    kept = ~without_evidence(fit, covariance, off, swarms=False)
     scale = np.maximum(off[kept], 1.0)
     unit_mm = fit.unit_mm
     information, pull = _of_pixels_alone(fit.position_mm[kept], covariance[kept], fit.prior.of(kept), unit_mm)
