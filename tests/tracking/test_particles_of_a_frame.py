@@ -8,6 +8,7 @@ from scipy.sparse import bsr_array
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking import areas
+from plenopiv.tracking import covariance as of_fit
 from plenopiv.tracking.covariance import LEAST, covariance_among, covariance_of
 from plenopiv.tracking.evidence import misfit
 from plenopiv.tracking.frame import particles_of_frame
@@ -146,6 +147,10 @@ def test_particles_in_areas_are_those_of_all_at_once(monkeypatch, of_points):
     assert (covariance == covariance_among(whole.normal(), np.arange(n))).all()
     alone = first_light(of_points, pixels, truth.position_mm, 1.2 * light)
     monkeypatch.setattr(areas, "TOGETHER", 6)
+    monkeypatch.setattr(of_fit, "TOGETHER", 6)
+    assert np.median(np.abs(covariance_of(whole) / covariance - 1.0)) < 1e-3
+    monkeypatch.setattr(of_fit, "ABOUT", 1e3)  # all are within reach
+    assert (covariance_of(whole) == covariance).all()
     assert image_of(of_points, whole.position_mm, whole.light, len(pixels.counts)) == pytest.approx(whole.image)
     in_areas = refine(of_points, pixels, truth.position_mm, light, prior, 32)
     assert in_areas.kept is None

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from particle_scenes import CAMERA, GAIN, noisy, pixels_of
+from scipy.sparse import bsr_array
 
-from plenopiv.tracking.covariance import covariance_of
-from plenopiv.tracking.evidence import LEAST, alone, misfit, without_evidence
+from plenopiv.tracking.covariance import covariance_among, covariance_of
+from plenopiv.tracking.evidence import LEAST, lowers, misfit, without_evidence
 from plenopiv.tracking.light import PointLights, prior_std_mm
 from plenopiv.tracking.refine import Prior, refine
 
@@ -30,7 +31,8 @@ def left_of(position, share, passes):
 def test_evidence_alone_is_what_light_explains_that_places_do_not():
     columns = np.random.default_rng(0).normal(size=(3, 60, 4))
     own = np.einsum("npi,npj->nij", columns, columns)
-    for n, found in enumerate(alone(own, np.array([1.0, 1.0, 4.0]))):
+    normal = bsr_array((own, np.arange(3), np.arange(4)), shape=(12, 12))
+    for n, found in enumerate(lowers(covariance_among(normal, np.arange(3), 0), np.array([1.0, 1.0, 4.0]))):
         light, rest = columns[n][:, 3], columns[n][:, :3]
         explained = np.linalg.norm(light - rest @ np.linalg.lstsq(rest, light, rcond=None)[0]) ** 2
         assert found == pytest.approx(explained / (4.0 if n == 2 else 1.0), rel=1e-3)

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from plenopiv.threads import in_threads
 from plenopiv.tracking.areas import areas
+from plenopiv.tracking.covariance import covariance_among
 from plenopiv.tracking.normal_kernels import mean_misfit
 from plenopiv.tracking.refine import Fit
 
 LEAST = 35.0  # by which a particle lowers chi^2
 COUPLED = 0.1  # share of information in common above which of two weak particles only the weaker goes
-ROUNDING = 1e-5  # of a parameter's information is added: blocks are of single precision
 
 Array = NDArray[np.float64]
 
@@ -39,8 +39,8 @@ def misfit(fit: Fit, usable: NDArray[np.bool_]) -> Array:
 
 def without_evidence(fit: Fit, covariance: Array, misfits: Array, swarms: bool = True) -> NDArray[np.bool_]:
     """Which particles (n,) are to be left out. ``covariance`` (n, 4, 4) in units of the normal equations; ``swarms``:
-    those without evidence alone go at once."""
-    evidence = 1.0 / np.maximum(covariance[:, 3, 3], 1e-30) / np.maximum(misfits, 1.0)
+    those without evidence alone go at once, as another fit follows that gives their light to one."""
+    evidence = lowers(covariance, misfits)
     weak = evidence < LEAST
     if not weak.any():
         return weak
@@ -57,12 +57,11 @@ def without_evidence(fit: Fit, covariance: Array, misfits: Array, swarms: bool =
     stays = (evidence[i] > evidence[j]) | ((evidence[i] == evidence[j]) & (i > j))
     out[i[stays]] = False
     if swarms:
-        out[few[alone(normal.data[own], misfits[few]) < LEAST]] = True
+        alone = covariance_among(normal, np.arange(len(few)), 0)
+        out[few[lowers(alone, misfits[few]) < LEAST]] = True
     return out
 
 
-def alone(own: Array, misfits: Array) -> Array:
-    """By how much each of particles (n,) would lower chi^2 if all others were known: ``own`` (n, 4, 4), its block."""
-    scale = np.sqrt(np.maximum(np.einsum("nii->ni", own), 1e-30))
-    scaled = own.astype(np.float64) / scale[:, :, None] / scale[:, None, :] + ROUNDING * np.eye(4)
-    return np.asarray(scale[:, 3] ** 2 / np.linalg.inv(scaled)[:, 3, 3] / np.maximum(misfits, 1.0))
+def lowers(covariance: Array, misfits: Array) -> Array:
+    """By how much the light of each particle (n,) lowers chi^2, of its ``covariance`` (n, 4, 4)."""
+    return np.asarray(1.0 / np.maximum(covariance[:, 3, 3], 1e-30) / np.maximum(misfits, 1.0))

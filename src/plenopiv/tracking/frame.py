@@ -108,8 +108,9 @@ def particles_of_frame(
         position, light = np.concatenate([fit.position_mm[~out], new]), np.concatenate([fit.light[~out], of_new])
         prior, image = Prior(np.concatenate([prior.position_mm[~out], new]), prior.std_mm), fit.image
         of_points(fit.position_mm[out]).add_to(image, -fit.light[out])
-        of_points(new).add_to(image, of_new)
-        lights = None if fit.kept is None else fit.kept.with_others(np.flatnonzero(~out), of_points(new))
+        found = of_points(new)
+        found.add_to(image, of_new)
+        lights = fit.carried(np.flatnonzero(~out), found)
         del fit
         if changes <= FEW * len(light):
             break

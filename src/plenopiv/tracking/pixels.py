@@ -89,14 +89,14 @@ class Pixels:
             out.append(Pixels(self.counts[lo:hi], self.usable[lo:hi], noise, gain, behind, static))
         return out
 
-    def of(self, which: NDArray[np.int64]) -> Pixels:
-        """The pixels ``which``, of one or of several cameras."""
+    def among(self, which: NDArray[np.int64], others: Array) -> Pixels:
+        """The pixels ``which``, of one or of several cameras, with stray light of ``others``, counts in all pixels."""
 
         def some(values: Array | float) -> Array | float:
             return values[which] if isinstance(values, np.ndarray) else values
 
         noise, gain = some(self.noise), some(self.counts_per_electron)
-        behind = some(self.background), some(self.static)
+        behind = some(self.background) + others[which], some(self.static)
         return Pixels(self.counts[which], self.usable[which], noise, gain, *behind)
 
     def variance(self, light: Array) -> Array:

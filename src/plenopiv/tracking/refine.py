@@ -24,8 +24,8 @@ are the Fisher information of ``accuracy.bound``, so their inverse is the covari
 from __future__ import annotations
 
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +91,7 @@ class Fit:
     unit_mm: Array
     kept: Lights | None
 
-    @property
+    @cached_property
     def lights(self) -> Lights:
         """Where the light of all particles goes."""
         return self.of_points(self.position_mm) if self.kept is None else self.kept
@@ -99,6 +99,11 @@ class Fit:
     def lights_of(self, which: NDArray[np.int64]) -> Lights:
         """Where that of the particles ``which``, ascending, goes."""
         return self.of_points(self.position_mm[which]) if self.kept is None else _of(self.kept, which)
+
+    def carried(self, which: NDArray[np.int64], others: Lights) -> Lights | None:
+        """Where the light of the particles ``which`` and then of ``others`` goes, for the next fit; None where it is
+        not kept."""
+        return None if self.kept is None else self.kept.with_others(which, others)
 
     def normal(self, which: NDArray[np.int64] | None = None) -> bsr_array:
         """The normal equations (4m, 4m) of the particles ``which`` (m,), ascending, or of all, the prior's information
@@ -165,8 +170,8 @@ def _of_area(
     and by how many counts they change. ``alone``: no other area is fitted at once."""
     with nullcontext() if alone else one_thread():
         own, others = of_points(position[area]), image.copy()
-        own.add_to(others, -light[area])
-        before = _counts(own, -light[area])
+        before = lit, counts = _counts(own, -light[area])
+        others[lit] += counts
         begin = position[area], light[area], prior.of(area), iterations, own
         moved, brighter, own = _stepped(of_points, pixels, *begin, others, still, near)
         return moved, brighter, [before, _counts(own, brighter)]
@@ -212,8 +217,7 @@ def _stepped(
         of_lit, seen = lights, pixels
         if others is not None:
             lit, of_lit = lights.of_lit()
-            seen = pixels.of(lit)
-            seen = replace(seen, background=seen.background + others[lit])
+            seen = pixels.among(lit, others)
         weight, pull = pixel_weights(seen.usable, *residual_of(of_lit.image(light, len(seen.counts)), seen))
         own, slope = own_equations(of_lit, light, weight, pull)
         slope[:, :3] += of_priors * (prior.position_mm - position) / unit
@@ -274,8 +278,7 @@ def first_light(of_points: LightOfPoints, pixels: Pixels, position_mm: Array, li
         own = of_points(position_mm[area])
         own.add_to(image, -light[area])
         lit, of_lit = own.of_lit()
-        seen = pixels.of(lit)
-        light[area] = fit_light(of_lit, replace(seen, background=seen.background + image[lit]), light[area])
+        light[area] = fit_light(of_lit, pixels.among(lit, image), light[area])
         own.add_to(image, light[area])
     return light
 

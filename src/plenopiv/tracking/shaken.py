@@ -26,7 +26,7 @@ from plenopiv.tracking.frame import (
 )
 from plenopiv.tracking.light import LightOfPoints
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.refine import Prior, image_of, pixel_weights, refine, residual_of
+from plenopiv.tracking.refine import Fit, Prior, pixel_weights, refine, residual_of
 from plenopiv.volume import Limits
 
 PRESENT = 0.4  # of its predicted light that a particle's pixels must hold
@@ -59,35 +59,37 @@ def particles_of_prediction(
     if len(light) == 0:
         raise PlenoPIVError(NONE)
     wide = of_points.prior_std_mm
-    pixels, light, present = _present(of_points, pixels, position_mm, light)
+    prior = Prior(position_mm, np.minimum(std_mm, wide))
+    fit = refine(of_points, pixels, position_mm, light, prior, 0)
+    pixels, light, present = _present(fit, pixels)
     if not present.any():
         raise PlenoPIVError(NONE)
     origin = np.flatnonzero(present)
-    prior = Prior(position_mm[origin], np.minimum(std_mm[origin], wide))
-    position, light = position_mm[origin], light[origin]
+    lights = fit.carried(origin, of_points(np.empty((0, 3))))
+    position, light, prior = position_mm[origin], light[origin], prior.of(origin)
     for done in range(PASSES):
-        fit = refine(of_points, pixels, position, light, prior, 1, ROUGHLY, ROUGHLY_NEAR)
+        fit = refine(of_points, pixels, position, light, prior, 1, ROUGHLY, ROUGHLY_NEAR, lights)
         pixels = with_noise(pixels, fit.image, NOISE_OF)
         residual, variance = residual_of(fit.image, pixels)
         excess = np.where(pixels.usable, residual / np.sqrt(variance), np.nan)
         new, _ = of_points.places(excess, limits_mm, POOR)
         if progress is not None:
             progress(done + 1, PASSES + 1)
+        lights = fit.carried(np.arange(len(fit.light)), of_points(new))
         position, prior = np.concatenate([fit.position_mm, new]), prior.joined(new, wide)
         light = np.concatenate([fit.light, np.full(len(new), FIRST_LIGHT * float(np.median(fit.light)))])
         origin = np.concatenate([origin, np.full(len(new), -1)])
         if len(new) <= MANY * len(light):
             break
-    fit = refine(of_points, pixels, position, light, prior, STEPS, ROUGHLY, ROUGHLY_NEAR)
+    fit = refine(of_points, pixels, position, light, prior, STEPS, ROUGHLY, ROUGHLY_NEAR, lights)
     found, kept = judged(fit, pixels, NEIGHBOURS)
     return found, origin[kept]
 
 
-def _present(
-    of_points: LightOfPoints, pixels: Pixels, position_mm: Array, light: Array
-) -> tuple[Pixels, Array, NDArray[np.bool_]]:
-    """The pixels with their noise, the light with the factor of this frame, and which particles are there."""
-    image, ratio = image_of(of_points, position_mm, light, len(pixels.counts)), np.ones(len(light))
+def _present(fit: Fit, pixels: Pixels) -> tuple[Pixels, Array, NDArray[np.bool_]]:
+    """The pixels with their noise, the light with the factor of this frame, and which particles are there, of those
+    where a ``fit`` begins."""
+    image, light, ratio = fit.image, fit.light, np.ones(len(fit.light))
     for turn in range(2):
         if turn == 0:
             pixels = with_noise(pixels, image, NOISE_OF)
@@ -95,7 +97,7 @@ def _present(
             brighter = max(float(np.median(ratio)), 0.1)
             image, light = brighter * image, brighter * light
         weight, pull = pixel_weights(pixels.usable, *residual_of(image, pixels))
-        for area in areas(position_mm[:, :2]):
-            own, slope = own_equations(of_points(position_mm[area]), light[area], weight, pull)
+        for area in areas(fit.position_mm[:, :2]):
+            own, slope = own_equations(fit.lights_of(area), light[area], weight, pull)
             ratio[area] = 1.0 + slope[:, 3] / np.maximum(own[:, 3, 3], 1e-30)
     return pixels, light, ratio > PRESENT
