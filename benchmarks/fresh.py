@@ -37,7 +37,7 @@ DECISIONS = {
     "checks": 53,
     "reconstruction": 62,
     "correlation": 65,
-    "tracking": 73,
+    "tracking": 74,
     "links": 72,
     "statistics": 56,
     "device": 60,

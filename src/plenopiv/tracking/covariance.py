@@ -5,6 +5,7 @@ Particles are taken an area at a time (``areas``), with those about it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import sqrt
 
 import numpy as np
@@ -13,8 +14,9 @@ from scipy.sparse import bsr_array
 
 from plenopiv.kernels import plain_kernel, plain_part
 from plenopiv.threads import in_threads
-from plenopiv.tracking.areas import ABOUT, about, areas
+from plenopiv.tracking.areas import ABOUT, Numbers, about, areas
 from plenopiv.tracking.equations import diagonal
+from plenopiv.tracking.light import Lights
 from plenopiv.tracking.refine import Fit
 
 NEIGHBOURS = 31  # that share most information with a particle; the rest are taken as known
@@ -101,11 +103,20 @@ def _of_particles(
 def covariance_of(fit: Fit, neighbours: int = NEIGHBOURS) -> Array:
     """Covariance (n, 4, 4) of the parameters of a fit's particles, in the units of its normal equations: those of
     ``neighbours`` that share most information with a particle are free as well."""
-    out, place = np.empty((len(fit.light), 4, 4)), fit.position_mm[:, :2]
+    out = np.empty((len(fit.light), 4, 4))
+    for area, near, own, lights in with_those_about(fit, np.arange(len(fit.light))):
+        out[area] = covariance_among(fit.normal(near, lights), own, neighbours)
+    return out
+
+
+def with_those_about(fit: Fit, which: Numbers) -> Iterator[tuple[Numbers, Numbers, Numbers, Lights]]:
+    """The particles ``which`` (m,), ascending, of a fit in areas. Of each area: their numbers among ``which``; the
+    numbers in the fit of these and of those of ``which`` about them, which are coupled with them; the area's own among
+    these; and where the light of these goes."""
+    place = fit.position_mm[which, :2]
     for area in areas(place, most=TOGETHER):
         near = about(place, area, ABOUT * fit.unit_mm[:2])
-        out[area] = covariance_among(fit.normal(near), np.searchsorted(near, area), neighbours)
-    return out
+        yield area, which[near], np.searchsorted(near, area), fit.lights_of(which[near])
 
 
 def covariance_among(normal: bsr_array, which: NDArray[np.int64], neighbours: int = NEIGHBOURS) -> Array:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from plenopiv.threads import in_threads
 from plenopiv.tracking.areas import areas
-from plenopiv.tracking.covariance import covariance_among
+from plenopiv.tracking.covariance import covariance_among, with_those_about
+from plenopiv.tracking.light import Lights
 from plenopiv.tracking.normal_kernels import mean_misfit
 from plenopiv.tracking.refine import Fit
 
@@ -28,24 +29,48 @@ Array = NDArray[np.float64]
 def misfit(fit: Fit, usable: NDArray[np.bool_]) -> Array:
     """Of each particle (n,) the mean of chi^2 of its pixels, weighed with its light in them; about 1 where the model
     holds."""
-    chi2 = np.where(usable, fit.residual**2 / fit.variance, np.nan)
-    out = np.empty(len(fit.light))
+    chi2, out = _chi2(fit, usable), np.empty(len(fit.light))
     for area in areas(fit.position_mm[:, :2]):
-        lights, of_area = fit.lights_of(area), np.empty(len(area))
-        in_threads(mean_misfit, len(area), lights.start, lights.pixel, lights.share, chi2, of_area)
-        out[area] = of_area
+        out[area] = _mean(fit.lights_of(area), chi2)
     return out
 
 
-def without_evidence(fit: Fit, covariance: Array, misfits: Array, swarms: bool = True) -> NDArray[np.bool_]:
-    """Which particles (n,) are to be left out. ``covariance`` (n, 4, 4) in units of the normal equations; ``swarms``:
-    those without evidence alone go at once, as another fit follows that gives their light to one."""
+def errors_of(
+    fit: Fit, usable: NDArray[np.bool_], neighbours: int, which: NDArray[np.int64] | None = None
+) -> tuple[Array, Array]:
+    """``covariance_of`` and ``misfit`` of the particles ``which`` (m,), ascending, or of all: those that are not among
+    ``which`` are taken as known."""
+    which = np.arange(len(fit.light)) if which is None else which
+    chi2, off, covariance = _chi2(fit, usable), np.empty(len(which)), np.empty((len(which), 4, 4))
+    for area, near, own, lights in with_those_about(fit, which):
+        off[area] = _mean(lights, chi2)[own]
+        covariance[area] = covariance_among(fit.normal(near, lights), own, neighbours)
+    return covariance, off
+
+
+def _chi2(fit: Fit, usable: NDArray[np.bool_]) -> Array:
+    return np.where(usable, fit.residual**2 / fit.variance, np.nan)
+
+
+def _mean(lights: Lights, chi2: Array) -> Array:
+    """The mean of chi^2 of the pixels of each of some particles (n,)."""
+    out = np.empty(len(lights.start) - 1)
+    in_threads(mean_misfit, len(out), lights.start, lights.pixel, lights.share, chi2, out)
+    return out
+
+
+def without_evidence(
+    fit: Fit, covariance: Array, misfits: Array, swarms: bool = True, which: NDArray[np.int64] | None = None
+) -> NDArray[np.bool_]:
+    """Which of the particles ``which`` (m,), ascending, or of all, are to be left out. ``covariance`` (m, 4, 4) in
+    units of the normal equations; ``swarms``: those without evidence alone go at once, as another fit follows that
+    gives their light to one."""
     evidence = lowers(covariance, misfits)
     weak = evidence < LEAST
     if not weak.any():
         return weak
     few = np.flatnonzero(weak)
-    normal = fit.normal(few)
+    normal = fit.normal(few if which is None else which[few])
     row = np.repeat(np.arange(len(few)), np.diff(normal.indptr))
     both, own = np.flatnonzero(row != normal.indices), np.flatnonzero(row == normal.indices)
     i, j = row[both], normal.indices[both]

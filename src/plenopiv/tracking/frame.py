@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
+from plenopiv.tracking.areas import in_order
 from plenopiv.tracking.covariance import NEIGHBOURS as MOST_NEIGHBOURS
-from plenopiv.tracking.covariance import covariance_of
-from plenopiv.tracking.evidence import misfit, without_evidence
+from plenopiv.tracking.evidence import errors_of, without_evidence
 from plenopiv.tracking.light import LightOfPoints
 from plenopiv.tracking.pixels import SAMPLE, Pixels
 from plenopiv.tracking.refine import Fit, Prior, first_light, refine
@@ -24,7 +24,7 @@ NEIGHBOURS = 12  # whose parameters are free where particles are judged on the w
 FEW = 0.01  # share of particles left out and found below which no other pass follows
 LAST_STEPS = 6
 STILL = 0.03  # standard deviations by which its own pixels must pull a particle for it to move, in the last fit ...
-ROUGHLY = 0.1  # ... and on the way
+ROUGHLY = 1.0  # ... and on the way
 BEGUN = 1.5  # times the median's misfit that counts against a particle on the way, where it has only begun to fit
 NEAR, ROUGHLY_NEAR = 0.01, 0.04  # units within which light follows its derivatives, in the last fit and on the way
 UNLIT = 1e-7  # counts of a pixel that no particle lights
@@ -80,21 +80,25 @@ def particles_of_frame(
     """
     if len(light) == 0:
         raise PlenoPIVError(NONE)
+    order = in_order(position_mm[:, :2])
+    position_mm, light = position_mm[order], light[order]
     prior = Prior(position_mm, of_points.prior_std_mm)
     light = first_light(of_points, pixels, position_mm, light)
     position, lights, image = position_mm, None, None
+    off = np.full(len(light), np.nan)  # misfits, of particles that have been looked at
     known = np.empty((0, 3))  # of which particles it is known whether they are two
     for done in range(PASSES):
         steps = STEPS if done else FIRST_STEPS
         fit = refine(of_points, pixels, position, light, prior, steps, ROUGHLY, ROUGHLY_NEAR, lights, image, done)
         pixels = with_noise(pixels, fit.image)
-        off = misfit(fit, pixels.usable)
-        most = BEGUN * float(np.median(off))
-        out = without_evidence(fit, covariance_of(fit, NEIGHBOURS), np.minimum(off, most))
+        changed = np.flatnonzero(fit.moved | np.isnan(off))
+        covariance, off[changed] = errors_of(fit, pixels.usable, NEIGHBOURS, changed)
+        most, out = BEGUN * float(np.median(off)), np.zeros(len(off), bool)
+        out[changed] = without_evidence(fit, covariance, np.minimum(off[changed], most), which=changed)
         if out.all():
             raise PlenoPIVError(NONE)
         typical = float(np.median(fit.light[~out]))
-        asked = crowded(fit, off) & ~(out | near_any(fit.position_mm, known, fit.unit_mm))
+        asked = crowded(fit, off) & fit.moved & ~(out | near_any(fit.position_mm, known, fit.unit_mm))
         pairs, half = splits(fit, off, asked)
         excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
         places, _ = of_points.places(excess, limits_mm)
@@ -106,6 +110,7 @@ def particles_of_frame(
         known = np.concatenate([known, fit.position_mm[asked] if done else middle])  # the first fit is a rough one
         of_new = np.concatenate([np.full(len(places), FIRST_LIGHT * typical), np.tile(0.5 * fit.light[pairs], 2)])
         position, light = np.concatenate([fit.position_mm[~out], new]), np.concatenate([fit.light[~out], of_new])
+        off = np.concatenate([off[~out], np.full(len(new), np.nan)])
         prior, image = Prior(np.concatenate([prior.position_mm[~out], new]), prior.std_mm), fit.image
         of_points(fit.position_mm[out]).add_to(image, -fit.light[out])
         found = of_points(new)
@@ -131,7 +136,7 @@ def lit_by(image: Array) -> NDArray[np.bool_]:
 def judged(fit: Fit, pixels: Pixels, neighbours: int = MOST_NEIGHBOURS) -> tuple[FrameParticles, NDArray[np.bool_]]:
     """What the last fit found, without particles that the pixels do not speak for, and which (n,) are left.
     ``neighbours``: whose parameters are free in the error bars."""
-    covariance, off = covariance_of(fit, neighbours), misfit(fit, pixels.usable)
+    covariance, off = errors_of(fit, pixels.usable, neighbours)
     kept = ~without_evidence(fit, covariance, off, swarms=False)
     scale = np.maximum(off[kept], 1.0)
     unit_mm = fit.unit_mm

@@ -55,6 +55,58 @@ def own_equations(
 
 
 @kernel
+def light_changes(
+    begin: int, end: int,
+    start: Int, pixel: NDArray[np.int32], share: NDArray[np.float32], gradient: NDArray[np.float32],
+    which: Int,  # (k,)
+    step: NDArray[np.float32],  # (k, 4): mm times counts, and counts
+    bounds: Int,  # (parts + 1,): of the k particles, where each part begins
+    out: NDArray[np.float32],  # (parts, pixels), zeros on entry, filled
+) -> None:  # fmt: skip
+    """By how much the light in each pixel changes with a small step of the particles ``which``, in parts."""
+    for p in range(begin, end):
+        for k in range(bounds[p], bounds[p + 1]):
+            dx, dy, dz, de = step[k, 0], step[k, 1], step[k, 2], step[k, 3]
+            for e in range(start[which[k]], start[which[k] + 1]):
+                out[p, pixel[e]] += dx * gradient[e, 0] + dy * gradient[e, 1] + dz * gradient[e, 2] + de * share[e]
+
+
+@kernel
+def gather_changes(
+    begin: int, end: int,
+    parts: NDArray[np.float32],  # (parts, pixels); zeros afterwards
+    square: NDArray[np.float32],  # (pixels,): 1 / variance
+    out: NDArray[np.float32],  # (pixels,), filled
+) -> None:  # fmt: skip
+    """The changes in the pixels ``begin`` to ``end`` of all parts, over the variance."""
+    for p in range(begin, end):
+        total = np.float32(0.0)
+        for part in range(parts.shape[0]):
+            total += parts[part, p]
+            parts[part, p] = np.float32(0.0)
+        out[p] = square[p] * total
+
+
+@kernel
+def sums_of_changes(
+    begin: int, end: int,
+    start: Int, pixel: NDArray[np.int32], share: NDArray[np.float32], gradient: NDArray[np.float32],
+    which: Int, changed: NDArray[np.float32],  # (k,); (pixels,)
+    out: NDArray[np.float32],  # (k, 4), filled
+) -> None:  # fmt: skip
+    """The derivatives of the particles ``which[begin:end]`` times changes of pixels."""
+    for k in range(begin, end):
+        sx, sy, sz, se = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+        for e in range(start[which[k]], start[which[k] + 1]):
+            c = changed[pixel[e]]
+            sx += gradient[e, 0] * c
+            sy += gradient[e, 1] * c
+            sz += gradient[e, 2] * c
+            se += share[e] * c
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = sx, sy, sz, se
+
+
+@kernel
 def telling_entries(
     begin: int, end: int,
     start: Int, pixel: NDArray[np.int32], share: NDArray[np.float32], gradient: NDArray[np.float32],

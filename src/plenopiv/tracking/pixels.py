@@ -90,13 +90,13 @@ class Pixels:
         return out
 
     def among(self, which: NDArray[np.int64], others: Array) -> Pixels:
-        """The pixels ``which``, of one or of several cameras, with stray light of ``others``, counts in all pixels."""
+        """The pixels ``which`` (k,), of one or of several cameras, with stray light of ``others`` (k,), counts."""
 
         def some(values: Array | float) -> Array | float:
             return values[which] if isinstance(values, np.ndarray) else values
 
         noise, gain = some(self.noise), some(self.counts_per_electron)
-        behind = some(self.background) + others[which], some(self.static)
+        behind = some(self.background) + others, some(self.static)
         return Pixels(self.counts[which], self.usable[which], noise, gain, *behind)
 
     def variance(self, light: Array) -> Array:

@@ -6,11 +6,9 @@ and light minimise
     chi^2 = sum_p (counts_p - mu_p)^2 / V_p + sum_i |(x_i - prior_i) / prior std|^2 .
 
 Each iteration asks by how much chi^2 falls where a particle moves alone, a sum over its pixels. Those that would gain
-less than STILL^2 rest: their light is known from before. The others move together: the normal equations couple
-particles that share pixels by 4 x 4 blocks, so the matrix is sparse, and conjugate gradients with each particle's own
-block as preconditioner need a few tens of products; their exact light and its derivatives are computed anew. The prior
-keeps particles in the dead zone, whose depth no pixel tells, where they were first seen; it is wide against any other's
-error.
+less than STILL^2 rest: their light is known from before. The others move together (``steps``); their exact light and
+its derivatives are computed anew. The prior keeps particles in the dead zone, whose depth no pixel tells, where they
+were first seen; it is wide against any other's error.
 
 Of very many particles those of one area (``areas``) are fitted after those of another, the light of all others taken
 as it is by then (block Gauss-Seidel, or multiplicative Schwarz: Saad, *Iterative Methods for Sparse Linear Systems*,
@@ -23,6 +21,7 @@ are the Fisher information of ``accuracy.bound``, so their inverse is the covari
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -37,12 +36,11 @@ from plenopiv.tracking import areas, normal_kernels
 from plenopiv.tracking.equations import normal_equations, own_equations, with_information
 from plenopiv.tracking.light import LightOfPoints, Lights
 from plenopiv.tracking.pixels import Pixels
+from plenopiv.tracking.steps import LEAST_KNOWN, step_of
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-TOLERANCE, PRODUCTS = 1e-3, 80  # of conjugate gradients: the next iteration is a better one
-DAMPING = 1e-3  # of each particle's own information (Levenberg-Marquardt)
-LEAST_KNOWN = 1e-12  # information added to a particle's, of whose light no pixel is used
+OF_LIGHT, PRODUCTS = 1e-3, 80  # tolerance of conjugate gradients for light alone, and how many products at most
 LARGEST_STEP = np.array([1.2, 1.2, 1.6])  # units: farther the derivatives do not hold
 OUTLYING = 4.0  # standard deviations from which on pixels count less, as light of a particle not yet found (Huber 1981)
 A_TURN = 4  # iterations of an area before the others are fitted to what it leaves
@@ -77,8 +75,8 @@ class Prior:
 class Fit:
     """Particles fitted to the pixels: ``position_mm`` (n, 3), ``light`` (n,) counts; ``image``: counts of all of them,
     ``residual``, ``variance`` and ``weight``, one over the standard deviation that it counts with, of each pixel;
-    ``prior``: of the particles; ``unit_mm`` (3,): of the unknowns; ``kept``: where light goes, where there are not too
-    many particles to keep that."""
+    ``prior``: of the particles; ``moved`` (n,): which did not rest; ``unit_mm`` (3,): of the unknowns; ``kept``: where
+    light goes, where there are not too many particles to keep that."""
 
     of_points: LightOfPoints
     position_mm: Array
@@ -88,6 +86,7 @@ class Fit:
     variance: Array
     weight: Single
     prior: Prior
+    moved: NDArray[np.bool_]
     unit_mm: Array
     kept: Lights | None
 
@@ -105,11 +104,12 @@ class Fit:
         not kept."""
         return None if self.kept is None else self.kept.with_others(which, others)
 
-    def normal(self, which: NDArray[np.int64] | None = None) -> bsr_array:
+    def normal(self, which: NDArray[np.int64] | None = None, lights: Lights | None = None) -> bsr_array:
         """The normal equations (4m, 4m) of the particles ``which`` (m,), ascending, or of all, the prior's information
-        included, in units of ``unit_mm`` and of each one's light."""
+        included, in units of ``unit_mm`` and of each one's light. ``lights``: of these, where they are known."""
         which = np.arange(len(self.light)) if which is None else which
-        normal = normal_equations(self.lights_of(which), self.light[which], self.weight)
+        lights = self.lights_of(which) if lights is None else lights
+        normal = normal_equations(lights, self.light[which], self.weight)
         with_information(normal, self.prior.of(which).information(self.unit_mm))
         return normal
 
@@ -134,23 +134,24 @@ def refine(
     position, light = np.array(position_mm, np.float64), np.array(light, np.float64)
     if len(light) <= areas.TOGETHER:
         begin = position, light, prior, iterations, of_points(position) if lights is None else lights
-        position, light, kept = _stepped(of_points, pixels, *begin, None, still, near)
+        position, light, moved, kept = _stepped(of_points, pixels, *begin, lambda lit: np.zeros(len(lit)), still, near)
         image, unit = kept.image(light, len(pixels.counts)), kept.unit_mm
     else:
         kept, unit = None, of_points(position[:1]).unit_mm
         known = image_of(of_points, position, light, len(pixels.counts)) if image is None else image
-        image = known.copy()
+        image, moved = known.copy(), np.zeros(len(light), bool)
         for number, steps in enumerate(_turns(iterations)):
             fitted = partial(_of_area, of_points, pixels, position, light, prior, steps, image, still, near)
             for group in areas.groups(areas.areas(position[:, :2], turn + number)):
                 made = list(each_in_threads(fitted, group)) if len(group) > 1 else [fitted(group[0], alone=True)]
-                for area, (*moved, changes) in zip(group, made, strict=True):
-                    position[area], light[area] = moved
+                for area, (place, brighter, of_area, changes) in zip(group, made, strict=True):
+                    position[area], light[area] = place, brighter
+                    moved[area] |= of_area
                     for lit, counts in changes:
                         image[lit] += counts
     residual, variance = residual_of(image, pixels)
     weight, _ = pixel_weights(pixels.usable, residual, variance)
-    return Fit(of_points, position, light, image, residual, variance, weight, prior, unit, kept)
+    return Fit(of_points, position, light, image, residual, variance, weight, prior, moved, unit, kept)
 
 
 def _of_area(
@@ -165,16 +166,20 @@ def _of_area(
     near: float,
     area: areas.Numbers,
     alone: bool = False,
-) -> tuple[Array, Array, list[tuple[NDArray[np.int64], Array]]]:
-    """Positions and light of the particles of an ``area``, fitted among all others, of which the ``image`` is; pixels
-    and by how many counts they change. ``alone``: no other area is fitted at once."""
+) -> tuple[Array, Array, NDArray[np.bool_], list[tuple[NDArray[np.int64], Array]]]:
+    """Positions and light of the particles of an ``area``, fitted among all others, of which the ``image`` is; which
+    moved; pixels and by how many counts they change. ``alone``: no other area is fitted at once."""
     with nullcontext() if alone else one_thread():
-        own, others = of_points(position[area]), image.copy()
+        own = of_points(position[area])
         before = lit, counts = _counts(own, -light[area])
-        others[lit] += counts
+
+        def others(which: NDArray[np.int64]) -> Array:
+            at = np.minimum(np.searchsorted(lit, which), len(lit) - 1)
+            return image[which] + np.where(lit[at] == which, counts[at], 0.0)
+
         begin = position[area], light[area], prior.of(area), iterations, own
-        moved, brighter, own = _stepped(of_points, pixels, *begin, others, still, near)
-        return moved, brighter, [before, _counts(own, brighter)]
+        place, brighter, moved, own = _stepped(of_points, pixels, *begin, others, still, near)
+        return place, brighter, moved, [before, _counts(own, brighter)]
 
 
 def _counts(lights: Lights, light: Array) -> tuple[NDArray[np.int64], Array]:
@@ -204,20 +209,19 @@ def _stepped(
     prior: Prior,
     iterations: int,
     lights: Lights,
-    others: Array | None,
+    others: Callable[[NDArray[np.int64]], Array],
     still: float,
     near: float,
-) -> tuple[Array, Array, Lights]:
-    """Positions, light and where it goes after ``iterations`` of all particles together, as ``refine``. ``others``:
-    counts of other particles in each pixel, which stay where they are."""
+) -> tuple[Array, Array, NDArray[np.bool_], Lights]:
+    """Positions, light, which moved, and where light goes after ``iterations`` of all particles together, as
+    ``refine``. ``others``: counts of other particles, which stay where they are, in some pixels (k,)."""
     position, light, unit = position_mm.copy(), light.copy(), lights.unit_mm
     of_priors = prior.information(unit)
+    ever = np.zeros(len(light), bool)
     since = np.zeros_like(position)  # steps, in units, since a particle's light was computed
     for _ in range(iterations):
-        of_lit, seen = lights, pixels
-        if others is not None:
-            lit, of_lit = lights.of_lit()
-            seen = pixels.among(lit, others)
+        lit, of_lit = lights.of_lit()
+        seen = pixels.among(lit, others(lit))
         weight, pull = pixel_weights(seen.usable, *residual_of(of_lit.image(light, len(seen.counts)), seen))
         own, slope = own_equations(of_lit, light, weight, pull)
         slope[:, :3] += of_priors * (prior.position_mm - position) / unit
@@ -228,10 +232,9 @@ def _stepped(
         which = np.flatnonzero(gain > still**2)
         if len(which) == 0:
             break
-        normal = normal_equations(_of(of_lit, which), light[which], weight)
+        ever[which] = True
+        step = step_of(of_lit, light, weight, which, own[which], of_priors[which], slope[which])
         del of_lit
-        step = _solved(normal, with_information(normal, of_priors[which]), slope[which])
-        del normal
         moved = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
         position[which] += unit * moved
         least = LEAST_LIGHT * float(np.median(light))
@@ -245,7 +248,7 @@ def _stepped(
             since[anew] = 0.0
             lights = lights.of(rests)  # the rest is let go before it is made anew
             lights = lights.with_others(np.arange(len(rests)), of_points(position[anew]), anew)
-    return position, light, lights
+    return position, light, ever, lights
 
 
 def _of(lights: Lights, which: NDArray[np.int64]) -> Lights:
@@ -266,7 +269,7 @@ def fit_light(lights: Lights, pixels: Pixels, light: Array, iterations: int = 3)
         own, shape, across = np.maximum(own, 1e-30), (len(light), len(light)), share.T
         normal = LinearOperator(shape, lambda v, a=share, b=across: a @ (b @ v.astype(np.float32)), dtype=np.float64)
         alone = LinearOperator(shape, lambda v, d=own: v / d, dtype=np.float64)
-        step, _ = cg(normal, slope, rtol=TOLERANCE, maxiter=PRODUCTS, M=alone)
+        step, _ = cg(normal, slope, rtol=OF_LIGHT, maxiter=PRODUCTS, M=alone)
         light = np.maximum(light + step, LEAST_LIGHT * float(np.median(light)))
     return light
 
@@ -278,7 +281,7 @@ def first_light(of_points: LightOfPoints, pixels: Pixels, position_mm: Array, li
         own = of_points(position_mm[area])
         own.add_to(image, -light[area])
         lit, of_lit = own.of_lit()
-        light[area] = fit_light(of_lit, pixels.among(lit, image), light[area])
+        light[area] = fit_light(of_lit, pixels.among(lit, image[lit]), light[area])
         own.add_to(image, light[area])
     return light
 
@@ -295,27 +298,3 @@ def pixel_weights(usable: NDArray[np.bool_], residual: Array, variance: Array) -
     std *= np.sqrt(np.maximum(np.abs(residual) / std / OUTLYING, 1.0))
     weight = np.where(usable, 1.0 / std, 0.0)
     return weight.astype(np.float32), (weight * residual).astype(np.float32)
-
-
-def _solved(normal: bsr_array, own: Array, slope: Array) -> Array:
-    """The step (n, 4), in units, that solves the damped equations."""
-    diagonal = np.einsum("nii->ni", own)
-    damping = DAMPING * diagonal + LEAST_KNOWN
-    inverse = np.linalg.inv(own + damping[:, :, None] * np.eye(4))
-    n = len(own)
-
-    def times(v: Array) -> Array:
-        return np.asarray(normal @ v.astype(np.float32)) + damping.ravel() * v.ravel()
-
-    def precondition(v: Array) -> Array:
-        return np.asarray(np.einsum("nij,nj->ni", inverse, v.reshape(n, 4))).ravel()
-
-    shape = (4 * n, 4 * n)
-    step, _ = cg(
-        LinearOperator(shape, times),
-        slope.ravel(),
-        rtol=TOLERANCE,
-        maxiter=PRODUCTS,
-        M=LinearOperator(shape, precondition),
-    )
-    return np.asarray(step, np.float64).reshape(n, 4)
