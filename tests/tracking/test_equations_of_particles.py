@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from particle_scenes import CAMERA, GAIN, LIMITS, noisy, pixels_of, seeded
 
+from plenopiv.threads import one_thread
+from plenopiv.tracking import steps
 from plenopiv.tracking.equations import normal_equations, own_equations
 from plenopiv.tracking.evidence import misfit
 from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
@@ -50,6 +52,25 @@ def test_equations_are_those_of_dense_matrices(scene):
             block += np.outer(row, row)
         assert own[n] == pytest.approx(block, abs=1e-5 * np.abs(block).max())
     assert slope / scale.reshape(-1, 4) == pytest.approx(right / scale.reshape(-1, 4), abs=1e-4)
+
+
+def test_a_step_solves_the_dense_equations_of_those_that_move(scene, monkeypatch):
+    lights, light, weight, pull = scene
+    which = np.flatnonzero(np.arange(len(light)) % 3 > 0)
+    columns = [dense(lights, lights.gradient[:, k]) * UNIT_MM[k] for k in range(3)] + [dense(lights, lights.share)]
+    jacobian = (np.stack(columns, 1) * light[:, None, None] * weight)[which].reshape(4 * len(which), -1)
+    own, slope = own_equations(lights, light, weight, pull)
+    information = np.tile([0.3, 0.2, 50.0], (len(which), 1))
+    added = steps.DAMPING * np.einsum("nii->ni", own[which])
+    added[:, :3] += information
+    whole = jacobian @ jacobian.T + np.diag(added.ravel())
+    right = slope[which]
+    monkeypatch.setattr(steps, "TOLERANCE", 1e-6)
+    step = steps.step_of(lights, light, weight, which, own[which], information, right)
+    scale = np.sqrt(np.diag(whole))
+    assert step.ravel() * scale == pytest.approx(np.linalg.solve(whole, right.ravel()) * scale, abs=2e-3)
+    with one_thread():
+        assert (steps.step_of(lights, light, weight, which, own[which], information, right) == step).all()
 
 
 def test_entries_that_say_little_are_left_out(scene):
