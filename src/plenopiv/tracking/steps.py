@@ -21,7 +21,7 @@ from plenopiv.tracking import normal_kernels
 from plenopiv.tracking.equations import entries
 from plenopiv.tracking.light import Lights
 
-TOLERANCE, PRODUCTS = 0.03, 80  # of conjugate gradients
+TOLERANCE, PRODUCTS = 0.01, 80  # of conjugate gradients
 DAMPING = 1e-3  # of each particle's own information (Levenberg-Marquardt)
 LEAST_KNOWN = 1e-12  # information added to a particle's, of whose light no pixel is used
 PARTS = 4  # of the particles, each summed by itself: bits do not depend on the number of threads
