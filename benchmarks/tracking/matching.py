@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import cKDTree
 
-from plenopiv.tracking.covariance import covariance_of
+from plenopiv.tracking.evidence import errors_of
 from plenopiv.tracking.light import LightOfPoints
 from plenopiv.tracking.pixels import Pixels
 from plenopiv.tracking.refine import Prior, refine
@@ -43,4 +43,4 @@ def bound_mm(of_points: LightOfPoints, pixels: Pixels, truth_mm: Array, light: A
     """Least standard deviation (n, 3) of each true particle among the others (Cramer-Rao), positions and ``light``, in
     counts, unknown."""
     fit = refine(of_points, pixels, truth_mm, light, Prior(truth_mm, np.full(3, 1e3)), 0)
-    return np.sqrt(np.einsum("nii->ni", covariance_of(fit)))[:, :3] * fit.unit_mm
+    return np.sqrt(np.einsum("nii->ni", errors_of(fit, pixels.usable)[0]))[:, :3] * fit.unit_mm

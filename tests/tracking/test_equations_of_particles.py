@@ -9,7 +9,7 @@ from particle_scenes import CAMERA, GAIN, LIMITS, noisy, pixels_of, seeded
 from plenopiv.threads import one_thread
 from plenopiv.tracking import steps
 from plenopiv.tracking.equations import normal_equations, own_equations
-from plenopiv.tracking.evidence import misfit
+from plenopiv.tracking.evidence import errors_of
 from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
 from plenopiv.tracking.pixels import Pixels
 from plenopiv.tracking.refine import Prior, fit_light, refine
@@ -116,7 +116,7 @@ def test_light_alone_and_misfits_are_those_of_dense_matrices(scene):
     found = fit_light(lights, pixels, light * np.linspace(0.8, 1.3, len(light)), 12)
     assert found == pytest.approx(light, rel=1e-2)
     fit = refine(PointLights(CAMERA), pixels, seeded(0.3).position_mm, 1.1 * light, prior_of(seeded(0.3)), 0)
-    off = misfit(fit, usable)
+    _, off = errors_of(fit, usable)
     for n in (0, 5, len(light) - 1):
         total = weight = 0.0
         for e in range(lights.start[n], lights.start[n + 1]):

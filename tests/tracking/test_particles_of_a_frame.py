@@ -9,8 +9,8 @@ from scipy.sparse import bsr_array
 from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking import areas
 from plenopiv.tracking import covariance as of_fit
-from plenopiv.tracking.covariance import LEAST, covariance_among, covariance_of
-from plenopiv.tracking.evidence import misfit
+from plenopiv.tracking.covariance import LEAST, covariance_among
+from plenopiv.tracking.evidence import errors_of
 from plenopiv.tracking.frame import particles_of_frame
 from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
 from plenopiv.tracking.peaks import peaks
@@ -143,14 +143,14 @@ def test_particles_in_areas_are_those_of_all_at_once(monkeypatch, of_points):
     pixels, prior = pixels_of(noisy(truth.position_mm, truth.electrons)), Prior(truth.position_mm, prior_std_mm(CAMERA))
     light = GAIN * truth.electrons
     whole, n = refine(of_points, pixels, truth.position_mm, light, prior, 16), len(light)
-    covariance, off = covariance_of(whole), misfit(whole, pixels.usable)
+    covariance, off = errors_of(whole, pixels.usable)
     assert (covariance == covariance_among(whole.normal(), np.arange(n))).all()
     alone = first_light(of_points, pixels, truth.position_mm, 1.2 * light)
     monkeypatch.setattr(areas, "TOGETHER", 6)
     monkeypatch.setattr(of_fit, "TOGETHER", 6)
-    assert np.median(np.abs(covariance_of(whole) / covariance - 1.0)) < 1e-3
+    assert np.median(np.abs(errors_of(whole, pixels.usable)[0] / covariance - 1.0)) < 1e-3
     monkeypatch.setattr(of_fit, "ABOUT", 1e3)  # all are within reach
-    assert (covariance_of(whole) == covariance).all()
+    assert (errors_of(whole, pixels.usable)[0] == covariance).all()
     assert image_of(of_points, whole.position_mm, whole.light, len(pixels.counts)) == pytest.approx(whole.image)
     in_areas = refine(of_points, pixels, truth.position_mm, light, prior, 32)
     assert in_areas.kept is None
@@ -159,8 +159,9 @@ def test_particles_in_areas_are_those_of_all_at_once(monkeypatch, of_points):
     assert np.abs((in_areas.position_mm - whole.position_mm) / UNIT_MM / std[:, :3])[told].max() < 0.1
     assert in_areas.light[told] == pytest.approx(whole.light[told], rel=1e-3)
     assert in_areas.residual == pytest.approx(whole.residual, abs=0.02 * GAIN * 400.0)
-    assert misfit(in_areas, pixels.usable) == pytest.approx(off, rel=1e-2)
-    bars = np.sqrt(np.einsum("nii->ni", covariance_of(in_areas)))
+    covariance_in_areas, off_in_areas = errors_of(in_areas, pixels.usable)
+    assert off_in_areas == pytest.approx(off, rel=1e-2)
+    bars = np.sqrt(np.einsum("nii->ni", covariance_in_areas))
     assert np.median(np.abs(bars / std - 1.0)) < 0.01
     assert first_light(of_points, pixels, truth.position_mm, 1.2 * light) == pytest.approx(alone, rel=0.1)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from particle_scenes import CAMERA, GAIN, LIMITS, VOXEL_MM, nearest, noisy, pixels_of, seeded
 
-from plenopiv.tracking.evidence import misfit
+from plenopiv.tracking.evidence import errors_of
 from plenopiv.tracking.frame import particles_of_frame, with_noise
 from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
 from plenopiv.tracking.refine import Prior, refine
@@ -36,7 +36,7 @@ def test_two_that_are_fitted_as_one(apart, z_mm):
     pixels = pixels_of(noisy(truth, np.full(6, ELECTRONS)))
     start, electrons = np.stack([middle, *ALONE]), ELECTRONS * np.array([2, 1, 1, 1, 1])
     pixels, fit = fitted(pixels, start, electrons)
-    found, offset = splits(fit, misfit(fit, pixels.usable), all_of(fit))
+    found, offset = splits(fit, errors_of(fit, pixels.usable)[1], all_of(fit))
     assert found.tolist() == [0]
     along = half / UNIT_MM
     cosine = offset[0] / UNIT_MM @ along / np.linalg.norm(offset[0] / UNIT_MM) / np.linalg.norm(along)
@@ -52,7 +52,7 @@ def test_particles_that_stand_alone_stay_one():
     truth = seeded(0.2)
     pixels = pixels_of(noisy(truth.position_mm, truth.electrons))
     pixels, fit = fitted(pixels, truth.position_mm, truth.electrons)
-    off = misfit(fit, pixels.usable)
+    _, off = errors_of(fit, pixels.usable)
     found, _ = splits(fit, off, crowded(fit, off))
     beyond = np.abs(truth.position_mm[:, 2]) > 0.5
     assert beyond.sum() > 10
@@ -63,7 +63,7 @@ def test_only_those_asked_are_split():
     truth = np.array([[0.1, 0.1, 1.5], [0.1, 0.1, 1.7], *ALONE])
     pixels = pixels_of(noisy(truth, np.full(6, ELECTRONS)))
     pixels, fit = fitted(pixels, [truth[:2].mean(0), *ALONE], ELECTRONS * np.array([2, 1, 1, 1, 1]))
-    found, offset = splits(fit, misfit(fit, pixels.usable), np.arange(5) > 0)
+    found, offset = splits(fit, errors_of(fit, pixels.usable)[1], np.arange(5) > 0)
     assert found.shape == (0,)
     assert offset.shape == (0, 3)
 

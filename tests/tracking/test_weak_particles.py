@@ -5,8 +5,8 @@ import pytest
 from particle_scenes import CAMERA, GAIN, noisy, pixels_of
 from scipy.sparse import bsr_array
 
-from plenopiv.tracking.covariance import covariance_among, covariance_of
-from plenopiv.tracking.evidence import LEAST, lowers, misfit, without_evidence
+from plenopiv.tracking.covariance import covariance_among
+from plenopiv.tracking.evidence import LEAST, errors_of, lowers, without_evidence
 from plenopiv.tracking.light import PointLights, prior_std_mm
 from plenopiv.tracking.refine import Prior, refine
 
@@ -23,7 +23,7 @@ def left_of(position, share, passes):
     left = np.arange(len(light))
     for _ in range(passes):
         fit = refine(OF_POINTS, pixels, position[left], light[left], prior.of(left), 0)
-        out = without_evidence(fit, covariance_of(fit), misfit(fit, pixels.usable))
+        out = without_evidence(fit, *errors_of(fit, pixels.usable))
         left = left[~out]
     return left.tolist()
 

@@ -100,15 +100,6 @@ def _of_particles(
                 information[rank, p, q] = matrix[a, b] / (scale[a] * scale[b])
 
 
-def covariance_of(fit: Fit, neighbours: int = NEIGHBOURS) -> Array:
-    """Covariance (n, 4, 4) of the parameters of a fit's particles, in the units of its normal equations: those of
-    ``neighbours`` that share most information with a particle are free as well."""
-    out = np.empty((len(fit.light), 4, 4))
-    for area, near, own, lights in with_those_about(fit, np.arange(len(fit.light))):
-        out[area] = covariance_among(fit.normal(near, lights), own, neighbours)
-    return out
-
-
 def with_those_about(fit: Fit, which: Numbers) -> Iterator[tuple[Numbers, Numbers, Numbers, Lights]]:
     """The particles ``which`` (m,), ascending, of a fit in areas. Of each area: their numbers among ``which``; the
     numbers in the fit of these and of those of ``which`` about them, which are coupled with them; the area's own among

@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.threads import in_threads
-from plenopiv.tracking.areas import areas
-from plenopiv.tracking.covariance import covariance_among, with_those_about
-from plenopiv.tracking.light import Lights
+from plenopiv.tracking.covariance import NEIGHBOURS, covariance_among, with_those_about
 from plenopiv.tracking.normal_kernels import mean_misfit
 from plenopiv.tracking.refine import Fit
 
@@ -26,37 +24,22 @@ COUPLED = 0.1  # share of information in common above which of two weak particle
 Array = NDArray[np.float64]
 
 
-def misfit(fit: Fit, usable: NDArray[np.bool_]) -> Array:
-    """Of each particle (n,) the mean of chi^2 of its pixels, weighed with its light in them; about 1 where the model
-    holds."""
-    chi2, out = _chi2(fit, usable), np.empty(len(fit.light))
-    for area in areas(fit.position_mm[:, :2]):
-        out[area] = _mean(fit.lights_of(area), chi2)
-    return out
-
-
 def errors_of(
-    fit: Fit, usable: NDArray[np.bool_], neighbours: int, which: NDArray[np.int64] | None = None
+    fit: Fit, usable: NDArray[np.bool_], neighbours: int = NEIGHBOURS, which: NDArray[np.int64] | None = None
 ) -> tuple[Array, Array]:
-    """``covariance_of`` and ``misfit`` of the particles ``which`` (m,), ascending, or of all: those that are not among
-    ``which`` are taken as known."""
+    """Of the particles ``which`` (m,), ascending, of a fit, or of all: the covariance (m, 4, 4) of their parameters, in
+    the units of the normal equations, and their misfit (m,), the mean of chi^2 of a particle's pixels weighed with its
+    light in them, about 1 where the model holds. The parameters of ``neighbours`` among them that share most
+    information with a particle are free as well; all others are taken as known."""
     which = np.arange(len(fit.light)) if which is None else which
-    chi2, off, covariance = _chi2(fit, usable), np.empty(len(which)), np.empty((len(which), 4, 4))
+    chi2 = np.where(usable, fit.residual**2 / fit.variance, np.nan)
+    covariance, off = np.empty((len(which), 4, 4)), np.empty(len(which))
     for area, near, own, lights in with_those_about(fit, which):
-        off[area] = _mean(lights, chi2)[own]
+        of_near = np.empty(len(near))
+        in_threads(mean_misfit, len(near), lights.start, lights.pixel, lights.share, chi2, of_near)
         covariance[area] = covariance_among(fit.normal(near, lights), own, neighbours)
+        off[area] = of_near[own]
     return covariance, off
-
-
-def _chi2(fit: Fit, usable: NDArray[np.bool_]) -> Array:
-    return np.where(usable, fit.residual**2 / fit.variance, np.nan)
-
-
-def _mean(lights: Lights, chi2: Array) -> Array:
-    """The mean of chi^2 of the pixels of each of some particles (n,)."""
-    out = np.empty(len(lights.start) - 1)
-    in_threads(mean_misfit, len(out), lights.start, lights.pixel, lights.share, chi2, out)
-    return out
 
 
 def without_evidence(

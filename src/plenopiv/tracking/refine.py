@@ -173,9 +173,11 @@ def _of_area(
         own = of_points(position[area])
         before = lit, counts = _counts(own, -light[area])
 
+        numbers, of_own = np.append(lit, -1), np.append(counts, 0.0)  # searches beyond the last one end there
+
         def others(which: NDArray[np.int64]) -> Array:
-            at = np.minimum(np.searchsorted(lit, which), len(lit) - 1)
-            return image[which] + np.where(lit[at] == which, counts[at], 0.0)
+            at = np.searchsorted(lit, which)
+            return image[which] + np.where(numbers[at] == which, of_own[at], 0.0)
 
         begin = position[area], light[area], prior.of(area), iterations, own
         place, brighter, moved, own = _stepped(of_points, pixels, *begin, others, still, near)

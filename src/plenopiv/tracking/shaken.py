@@ -30,7 +30,7 @@ from plenopiv.volume import Limits
 PRESENT = 0.4  # of its predicted light that a particle's pixels must hold
 PASSES = 3  # of steps and searches, at most
 MANY = 0.2  # share of particles found in a pass from which on another follows
-ROUGHLY, ROUGHLY_NEAR = 0.1, 0.04  # as in ``frame``: nothing follows that would move them on
+ROUGHLY, ROUGHLY_NEAR = 0.1, 0.04  # as in ``frame``; but the last fit too: nothing follows it
 STEPS = 2  # Gauss-Newton iterations of the last fit
 POOR = 0.45  # share of the mean needed that the first rays of a place must show: new particles are not faint
 NOISE_OF = 40_000  # pixels that noise is measured on

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 def splits(fit: Fit, misfits: Array, asked: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
     """Which particles (m,) of a fit may be two, of those ``asked`` (n,), and where from there (m, 3) mm either of the
-    two is. ``misfits`` (n,): of ``evidence.misfit``."""
+    two is. ``misfits`` (n,): of ``evidence.errors_of``."""
     which, unit = np.flatnonzero(asked), fit.unit_mm
     found, half = [np.empty(0, np.int64)], [np.empty((0, 3))]
     for first in range(0, len(which), TOGETHER):
