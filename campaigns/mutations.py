@@ -20,7 +20,9 @@ import hashlib
 import signal
 import sys
 import tempfile
+from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -111,7 +113,8 @@ class Campaign:
                     while self.todo and len(running) < len(trees):
                         mutant = self.todo.pop(0)
                         running[pool.submit(tried, mutant)] = mutant
-                    for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    # A wait without end would miss a signal that comes just before it.
+                    for future in wait(running, timeout=0.5, return_when=FIRST_COMPLETED).done:
                         self.record(running.pop(future), future.result())
             except BaseException:
                 for tree in trees:
@@ -142,8 +145,17 @@ def tests_and_sources(root: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def _interrupted(*_: object) -> None:
-    raise KeyboardInterrupt
+@contextmanager
+def stopped_by_signals(processes: Processes) -> Iterator[None]:
+    """A signal ends the processes, and the campaign where it next asks for one: nothing is cut off half-way."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    for number in before:
+        signal.signal(number, lambda *_: processes.stop())
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -156,10 +168,8 @@ def run(options: argparse.Namespace) -> None:
     name = hashlib.sha256(str(ROOT).encode()).hexdigest()[:8]
     work = options.work or Path(tempfile.gettempdir()) / f"plenopiv-mutations-{name}"
     how = Options(60 * options.timeout, 60 * options.test_timeout, options.workers, options.nearest_only)
-    with locked(work) as lock:
-        processes = Processes()
-        for number in (signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, _interrupted)
+    processes = Processes()
+    with locked(work) as lock, stopped_by_signals(processes):
         trees = [
             Tree(ROOT, work / f"copy {n}", work / "cache", processes, lock, options.jobs > 1)
             for n in range(max(1, min(options.jobs, len(campaign.todo))))
