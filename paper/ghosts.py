@@ -45,7 +45,8 @@ def middle(volume: Volume, sizes_mm: tuple[float, float, float]) -> DenseVolume:
 
 def measured(whole: Reconstructed, volumes: list[DenseVolume], own: TomoSetting, judge: Judge) -> dict[str, Any]:
     """Errors of what windows find in two volumes."""
-    part = replace(whole, setting=own, volumes=volumes, clock=whole.clock.continued())
+    chain = replace(whole.chain, grid=volumes[0].grid)
+    part = replace(whole, setting=own, chain=chain, volumes=volumes, clock=whole.clock.continued())
     found = part.correlated()
     told, _ = judge.score(replace(found, seen=np.ones(found.seen.shape, bool)))
     everywhere = told["errors"]["window_mean"]["all"]

@@ -70,8 +70,7 @@ class Chain:
     columns) that are no equations; empty for none. ``solid``: the parts of the volume that a body fills.
 
     ``space``: of one plenoptic camera, the map between the laboratory, where ``grid``, body and vectors are, and lens
-    space, where volumes are reconstructed on ``lens_grid``. None: they are the same. ``device``: what reconstructs and
-    correlates (``device.backend``).
+    space, where volumes are reconstructed on ``lens_grid``. None: they are the same. ``device``: ``device.backend``.
     """
 
     cameras: tuple[Camera, ...]
@@ -262,7 +261,7 @@ class Chain:
         count less.
 
         Raises:
-            PlenoPIVError: windows do not fit, or nothing is found.
+            PlenoPIVError: windows do not fit, nothing is found, or a volume lies on another grid than ``lens_grid``.
         """
         volumes, settings = (self.correlated(a), self.correlated(b)), self._of_correlated
         if self.device.kind == "cpu":
@@ -270,8 +269,7 @@ class Chain:
         with self.device.in_use():
             from plenopiv.device.correlation import measure as measure_on_device
 
-            memory, depth = self.device.memory, self.depth_weights
-            return measure_on_device(*volumes, settings, progress, self.solid, memory, depth)
+            return measure_on_device(*volumes, settings, progress, self.solid, self.device.memory, self.depth_weights)
 
     def weighted(self, volume: SparseVolume) -> SparseVolume:
         """A reconstructed volume with less light in voxels behind unusable pixels."""
@@ -286,6 +284,8 @@ class Chain:
         root of light that is shared already is off its centre by where that lies between voxels, and as lines of sight
         are slanted against the grid, that changes as particles move in depth.
         """
+        if volume.grid != self.lens_grid:
+            raise PlenoPIVError(f"volume: {volume.grid!r}, but the chain's is {self.lens_grid!r}")
         light = compressed(self.weighted(volume), self.correlation.intensity_exponent)
         return light if self.space is None else self.in_laboratory(SparseVolume.of(light))
 

@@ -121,6 +121,15 @@ def test_velocity_has_the_signs_and_units_of_the_motion():
     np.testing.assert_allclose(field.u, moved.displacement[0] * GRID.voxel_mm[0], rtol=1e-12)
 
 
+def test_volumes_of_another_grid_are_refused():
+    """Their vectors would lie elsewhere than their light."""
+    chain = plenoptic_chain()
+    a, b = (chain.reconstruct(images).volume for images in plenoptic_frames(chain))
+    other = replace(chain, grid=VoxelGrid.covering((-0.5, 0.5), (-0.4, 0.4), (0.0, 1.2), GRID.voxel_mm))
+    with pytest.raises(PlenoPIVError, match=r"volume: <VoxelGrid.*, but the chain's is <VoxelGrid"):
+        other.velocity(a, b, dt_s=1e-3)
+
+
 def test_vectors_at_front_and_back_are_told_along_z():
     deep = VoxelGrid.covering((-0.5, 0.5), (-0.4, 0.4), (0.5, 2.9), (0.025, 0.025, 0.1))
     windows = CorrelationSettings(windows=((32, 32, 8),), inner_window=(16, 16, 8))

@@ -9,12 +9,12 @@ import pytest
 
 from plenopiv.statistics.variables import INTERVAL
 
-BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "statistics" / "coverage.py"
+BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "statistics" / "error_bars.py"
 
 
 @pytest.fixture(scope="module")
 def benchmark():
-    spec = importlib.util.spec_from_file_location("statistics_coverage", BENCHMARK)
+    spec = importlib.util.spec_from_file_location("statistics_error_bars", BENCHMARK)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -1,7 +1,7 @@
 """Do the stated intervals hold? Statistics of 200 synthetic fields whose turbulence is known, against the truth.
 
 Gaussian fields with a mean, a Reynolds stress tensor and a correlation in time (each component a sum of AR(1)
-processes) and in space, random errors of vectors that are known, and vectors that are missing. Writes coverage.json
+processes) and in space, random errors of vectors that are known, and vectors that are missing. Writes error_bars.json
 beside this file, and the tables of docs/statistics.md; two minutes.
 """
 
@@ -124,7 +124,7 @@ def true_spacing(memories):
 def write_page():
     """The tables of docs/statistics.md from the two JSON files."""
     here = Path(__file__).parent
-    cases = json.loads((here / "coverage.json").read_text())["cases"]
+    cases = json.loads((here / "error_bars.json").read_text())["cases"]
     kinds = list(next(iter(cases.values()))["within"])
     rows = [f"| fields | n | T true / found | {' | '.join(kinds)} |", "|---|---:|---|" + "---:|" * len(kinds)]
     for name, case in cases.items():
