@@ -39,6 +39,7 @@ DECISIONS = {
     "correlation": 65,
     "tracking": 74,
     "links": 72,
+    "fields": 75,
     "statistics": 56,
     "device": 60,
 }

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from plenopiv.tracking.remainder import LENGTH, Remainder
+from plenopiv.tracking.remainder import LENGTH, SURE, Remainder
 from plenopiv.tracking.splines import RIDGE, Equations, values_at
 
 NODES, STEP, LOW = (5, 6, 4), 0.5, np.array([-1.0, 0.0, 2.0])
@@ -51,8 +51,8 @@ def test_the_remainder_is_simple_kriging(rng):
     found, unknown = Remainder(place, left, noise, 0.3).at(points)
     beyond = left**2 - noise
     mean, own = beyond.mean(), beyond.mean(0)
-    deviation = np.sqrt(((beyond - mean) ** 2).sum()) / beyond.size, np.sqrt(((beyond - own) ** 2).sum(0)) / len(left)
-    variance = np.maximum(np.maximum(mean - deviation[0], own - deviation[1]), 0.0)
+    by_chance = SURE * 0.01 * np.sqrt(2 / 90), SURE * 0.01 * np.sqrt(2 / 30)  # of noise^2 without anything beyond
+    variance = np.maximum(np.maximum(mean - by_chance[0], own - by_chance[1]), 0.0)
     assert variance.min() > 0.0
 
     def covariance(a, b):

@@ -3,14 +3,14 @@
 The field is cubic B-splines on a regular grid of nodes, as in FlowFit (Gesemann, Huhn, Schanz & Schroder 2016, 18th
 Int. Symp. on Applications of Laser Techniques to Fluid Mechanics). Their coefficients (``splines``) minimise
 
-    sum_i |u(x_i) - u_i|^2 / s_i^2  +  smoothing * sum |third differences|^2  +  stiffness * sum |div u|^2 ,
+    sum_i |u(x_i) - u_i|^2 / (s_i^2 + f^2)  +  smoothing * sum |third differences|^2  +  stiffness * sum |div u|^2 ,
 
-the last over the nodes. The smoothing is a little less than the one that tells a fifth of the tracks best from the
-others (cross-validation, Wahba 1990, Spline Models for Observational Data): it needs no errors s_i of the right size,
-only their ratios. What splines leave beyond errors is added, interpolated between tracks (``remainder``). Error bars
-are the scatter of fits to data that carry errors again, s_i or, where residuals are larger than these, as large; to
-that comes what is not resolved, in a direction or in all: by how much tracks nearby that are held out are missed by
-more than their errors and that scatter, as far as the remainder does not tell. ``parts`` takes larger volumes.
+the last over the nodes; s_i are the errors of the tracks, f what splines do not resolve, from what a first fit misses
+the tracks nearby by. Without f tracks that are known well would be believed to stand for the flow about them, against
+all others: near focus, where few are. The smoothing is a little less than the one that tells a fifth of the tracks best
+from the others (cross-validation, Wahba 1990, Spline Models for Observational Data). What splines leave beyond errors
+is added, interpolated between tracks (``remainder``). Error bars are the scatter of fits to data that carry errors
+again, and what is not resolved (``unresolved``). ``parts`` takes larger volumes.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.tracking.remainder import Remainder, beyond_errors
+from plenopiv.tracking.remainder import Remainder
 from plenopiv.tracking.splines import Equations, Nodes, values_at
+from plenopiv.tracking.unresolved import Unresolved
 from plenopiv.volume import Limits
 
 REPEATS = 24  # fits to data with errors, for error bars
@@ -35,12 +36,12 @@ HELD_OUT = 5  # each such track is not fitted while the smoothing is chosen ...
 MANY = 600  # ... but of fewer tracks all are held out in turn
 LARGEST = 16.0  # squared residual, in variances, that a track held out counts at most: wrong links
 LEAST_TRACKS = 64
-TURNS = 2  # folds that what is not resolved is taken from, ...
-NEARBY = 32  # ... and how many tracks of these, at a point
-OUTLYING = 4.0  # standard deviations of its residual from which a track is left out of a second fit, ...
-OF_UNRESOLVED = 8.0  # ... and of what is not resolved, as wide as residuals of ...
-AROUND = 16  # ... the tracks about it: it has tails
+TURNS = 2  # folds that error bars are taken from
+OUTLYING = 4.0  # standard deviations of its error from which on a residual leaves its track out, ...
+OF_UNRESOLVED = 8.0  # ... and of what is not resolved, which has tails, by residuals of ...
+AROUND = 16  # ... the tracks about it
 MEDIAN_SQUARE = 0.455  # of a normal deviate
+CHANCE = 1.5  # times its true value that a variance by the median of AROUND residuals reaches in one case of six
 
 Array = NDArray[np.float64]
 
@@ -48,11 +49,9 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class TrackField:
     """Cubic B-splines and what these leave. ``coefficients`` (repeats + 1, 3, n), the fit first; ``low_mm``,
-    ``step_mm`` (3,) and ``nodes`` (3,) along x, y, z; ``smoothing`` that was chosen; ``chi2`` per degree of freedom;
-    ``scale``: of the tracks' standard deviations in the error bars; ``used`` (k,): tracks not left out; ``held_mm``,
-    ``missed`` and ``known`` (m, 3): where tracks are that were held out, by how much the square of what they are missed
-    by is more than errors explain, (m/s)^2, and how well that is known, one over its variance; ``remainder``: what
-    splines leave of the tracks."""
+    ``step_mm`` (3,) and ``nodes`` (3,) along x, y, z; ``smoothing`` that was chosen; ``chi2`` per degree of freedom,
+    what is not resolved counted as an error; ``scale``: of such errors in the error bars; ``used`` (k,): tracks not
+    left out; ``remainder``: what splines leave of the tracks; ``unresolved``: and what both leave."""
 
     coefficients: Array
     low_mm: Array
@@ -62,20 +61,16 @@ class TrackField:
     chi2: float
     scale: float
     used: NDArray[np.bool_]
-    held_mm: Array
-    missed: Array
-    known: Array
     remainder: Remainder
+    unresolved: Unresolved
 
     def velocity(self, points_mm: ArrayLike) -> tuple[Array, Array]:
         """Velocity and its standard deviation, both (n, 3) in m/s, at points (n, 3) in mm within the grid."""
         points = np.asarray(points_mm, np.float64)
         basis = self._basis(points)
         values = np.stack([basis @ each.T for each in self.coefficients])
-        left, unknown = self.remainder.at(points)
-        near = cKDTree(self.held_mm).query(points, min(NEARBY, len(self.held_mm)))[1]
-        unresolved = beyond_errors(self.missed[near], self.known[near])
-        return values[0] + left, np.sqrt(values[1:].var(0) + unknown * unresolved)
+        left, untold = self.remainder.at(points)
+        return values[0] + left, np.sqrt(values[1:].var(0) + untold * self.unresolved.at(points))
 
     def gradient(self, points_mm: ArrayLike) -> Array:
         """du_i/dx_j (n, 3, 3) in 1/s of the splines at points (n, 3) in mm, without what is added to them."""
@@ -117,31 +112,41 @@ def field_from_tracks(
     values = values_at(position, low, step_mm, nodes)
     used: NDArray[np.bool_] = np.asarray(inside, np.bool_)
     form = nodes, divergence_free
-    smoothing, error = _chosen(values[used], velocity[used], std[used], *form)
+    smoothing, whole = _chosen(values[used], velocity[used], std[used], *form), std
     around = np.flatnonzero(inside)[cKDTree(position[inside]).query(position, min(AROUND, int(inside.sum())))[1]]
-    for _ in range(2):  # wrong links draw their neighbours along: these are taken back
-        first = Equations(values[used], std[used], *form).solution(velocity[used][None], smoothing)[0]
-        left = np.abs(values @ first.T - velocity) / std
-        noise_alone = max(error, 1.0)
-        unresolved = np.maximum(np.median(left[around], 1) ** 2 / MEDIAN_SQUARE - noise_alone, 0.0)
-        most = np.sqrt(OUTLYING**2 * noise_alone + OF_UNRESOLVED**2 * unresolved)
-        used = np.asarray(inside & (left < most).all(1), np.bool_)
-    values, velocity, std = values[used], velocity[used], std[used]
-    noise = std * np.random.default_rng(seed).standard_normal((REPEATS, *std.shape))
-    found = Equations(values, std, *form).solution(np.concatenate([velocity[None], velocity + noise]), smoothing)
-    chi2 = float(np.mean(((values @ found[0].T - velocity) / std) ** 2))
+    for again in (True, False):  # wrong links draw their neighbours along: these are taken back
+        first = Equations(values[used], whole[used], *form).solution(velocity[used][None], smoothing)[0]
+        missed = np.abs(values @ first.T - velocity)
+        usual = np.median(missed[around], 1) ** 2 / MEDIAN_SQUARE
+        unresolved = np.maximum(usual - CHANCE * np.median(std[around], 1) ** 2, 0.0)
+        most = np.sqrt(OUTLYING**2 * std**2 + OF_UNRESOLVED**2 * unresolved)
+        whole, used = np.sqrt(std**2 + unresolved), np.asarray(inside & (missed < most).all(1), np.bool_)
+        if again:
+            smoothing = _chosen(values[used], velocity[used], whole[used], *form)
+    position, values, velocity, std, whole = (each[used] for each in (position, values, velocity, std, whole))
+    noise = whole * np.random.default_rng(seed).standard_normal((REPEATS, *std.shape))
+    found = Equations(values, whole, *form).solution(np.concatenate([velocity[None], velocity + noise]), smoothing)
+    chi2 = float(np.mean(((values @ found[0].T - velocity) / whole) ** 2))
     followed = [values @ (each - found[0]).T for each in found[1:]]  # the trace of what the fit makes of data
-    free = 1.0 - float(np.mean(np.stack(followed) * noise / std**2))
-    free = max(free, 0.1)
+    free = max(1.0 - float(np.mean(np.stack(followed) * noise / whole**2)), 0.1)
     scale = max(chi2 / free, 1.0) ** 0.5
     found[1:] = found[0] + scale * (found[1:] - found[0])
-    held, missed = _missed(_folds(values, std, *form, TURNS), values, velocity, smoothing)
-    spread = (scale * std[held]) ** 2 + np.stack([values[held] @ each.T for each in found[1:]]).var(0)
-    known = 1.0 / spread**2
-    of_held = position[used][held], missed**2 - spread, known
     spacing = float(np.prod([hi - lo for lo, hi in limits_mm]) / len(std)) ** (1 / 3)
-    left = Remainder(position[used], velocity - values @ found[0].T, free * std**2, spacing)
-    return TrackField(found, low, step_mm, nodes, smoothing, chi2 / free, scale, used, *of_held, left)
+
+    def remainder(coefficients: Array, some: NDArray[np.bool_]) -> Remainder:
+        left = velocity[some] - values[some] @ coefficients.T
+        return Remainder(position[some], left, free * std[some] ** 2, spacing)
+
+    off, untold, any_held = np.empty_like(std), np.empty_like(std), np.zeros(len(std), bool)
+    for held, equations in _folds(values, whole, *form, TURNS):
+        fitted = equations.solution(velocity[~held][None], smoothing)[0]
+        added, untold[held] = remainder(fitted, ~held).at(position[held])
+        off[held] = values[held] @ fitted.T + added - velocity[held]
+        any_held |= held
+    explained = std[any_held] ** 2 + np.stack([values[any_held] @ each.T for each in found[1:]]).var(0)
+    left_over = Unresolved(position[any_held], off[any_held] ** 2, explained, untold[any_held])
+    of_all = remainder(found[0], np.ones(len(std), bool))
+    return TrackField(found, low, step_mm, nodes, smoothing, chi2 / free, scale, used, of_all, left_over)
 
 
 def _folds(
@@ -165,8 +170,8 @@ def _missed(
     return any_held, out[any_held]
 
 
-def _chosen(values: csr_array, velocity: Array, std: Array, nodes: Nodes, divergence_free: bool) -> tuple[float, float]:
-    """The smoothing that tells tracks held out best, and their squared error in variances of the tracks."""
+def _chosen(values: csr_array, velocity: Array, std: Array, nodes: Nodes, divergence_free: bool) -> float:
+    """The smoothing that tells tracks held out best."""
     folds = _folds(values, std, nodes, divergence_free, HELD_OUT if len(velocity) < MANY else 1)
     errors: dict[float, float] = {}
 
@@ -182,4 +187,4 @@ def _chosen(values: csr_array, velocity: Array, std: Array, nodes: Nodes, diverg
     while SMOOTHINGS[0] <= best + step <= SMOOTHINGS[1] and error(best + step) < error(best):
         best += step
     best = min((best - 0.5, best, best + 0.5), key=error)
-    return 10.0 ** (best - UNDER), errors[best]
+    return float(10.0 ** (best - UNDER))

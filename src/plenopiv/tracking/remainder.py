@@ -3,7 +3,7 @@
 The remainder is taken as a random field of its own (kriging: Matheron 1963, Economic Geology 58; Rasmussen & Williams
 2006, Gaussian Processes for Machine Learning, eqs. 2.23 to 2.26) with the covariance s^2 (1 + r) exp(-r), r the
 distance in LENGTH mean distances between tracks. Its variance s^2 is that of the remainders nearby beyond the tracks'
-own errors, less its standard error: where noise alone is left next to nothing is added. Each component stands by
+own errors, less what chance makes of it: where noise alone is left next to nothing is added. Each component stands by
 itself, so that what is added is not free of divergence.
 """
 
@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 LENGTH = 0.85  # mean distances between tracks
 NEARBY = 32  # tracks that tell of a point
 AT_A_TIME = 2000  # points
+SURE = 1.25  # standard errors that chance exceeds in one case of ten
 LEAST = 1e-3  # of the variance, that the tracks' errors are taken to have at least
 
 Array = NDArray[np.float64]
@@ -68,14 +69,13 @@ class Remainder:
 
 def beyond_errors(beyond: Array, known: Array) -> Array:
     """Variance (m, 3) that errors do not explain: the mean of ``beyond`` (m, k, 3) over k tracks nearby, of a component
-    by itself or of all three, whichever is more, less its own standard error, so that noise alone adds little; at least
-    0. ``known`` (m, k, 3): weights, one over the variance of ``beyond``."""
-    whole = known.sum((1, 2))[:, None]
-    mean = (known * beyond).sum((1, 2))[:, None] / whole
-    error = np.sqrt(((known * (beyond - mean[:, :, None])) ** 2).sum((1, 2)))[:, None] / whole
-    own = (known * beyond).sum(1) / known.sum(1)
-    of_own = np.sqrt(((known * (beyond - own[:, None])) ** 2).sum(1)) / known.sum(1)
-    return np.asarray(np.maximum(np.maximum(mean - error, own - of_own), 0.0))
+    by itself or of all three, whichever is more, less SURE times the standard error that it has where errors are all,
+    so that noise alone adds little; at least 0. ``known`` (m, k, 3): weights, two over the variance of ``beyond``
+    there."""
+    whole, own = known.sum((1, 2))[:, None], known.sum(1)
+    of_all = (known * beyond).sum((1, 2))[:, None] / whole - SURE * np.sqrt(2.0 / whole)
+    of_own = (known * beyond).sum(1) / own - SURE * np.sqrt(2.0 / own)
+    return np.asarray(np.maximum(np.maximum(of_all, of_own), 0.0))
 
 
 def _covariance(apart: Array) -> Array:

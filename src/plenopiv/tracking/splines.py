@@ -16,7 +16,7 @@ from scipy.sparse import block_diag, csr_array, eye_array, hstack, kron
 
 from plenopiv.kernels import kernel
 
-STIFFNESS = 1e4  # of div u against the smoothing's largest eigenvalue
+STIFFNESS = 3e4  # of div u against the smoothing's largest eigenvalue
 RIDGE = 1e-9  # of the data's information, on every coefficient
 
 Array = NDArray[np.float64]
