@@ -13,8 +13,8 @@ from plenopiv.statistics.gradients import neighbour_correlation, velocity_gradie
 from plenopiv.velocity import velocity_dataset
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "displacement"))
-from conftest import render  # noqa: E402
+sys.path.append(str(ROOT / "tests"))
+from oracles.particle_volumes import render  # noqa: E402
 
 from plenopiv.volume import DenseVolume, VoxelGrid  # noqa: E402
 
