@@ -36,7 +36,7 @@ DECISIONS = {
     "calibration": 53,
     "checks": 53,
     "reconstruction": 62,
-    "correlation": 65,
+    "correlation": 76,
     "tracking": 74,
     "links": 72,
     "fields": 75,

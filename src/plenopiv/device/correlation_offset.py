@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 from plenopiv.device.correlation_deformation import Planes
 from plenopiv.displacement.depth_weights import DepthWeights
 from plenopiv.displacement.offset import Offsets
-from plenopiv.displacement.offset_kernels import MOVES, find_places, settle
+from plenopiv.displacement.offset_kernels import BESIDE, MOVES, STEPS, find_places, settle
 from plenopiv.displacement.windows import WindowGrid
-
-_NEIGHBOURS = ((0, 0, 0), (-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1))  # z, y, x
 
 
 def discrete_offset(
@@ -39,7 +37,7 @@ def discrete_offset(
     for _ in range(MOVES + 1):
         if not moving.any():
             break
-        sums = np.full((*moving.shape, 2, 7), np.nan)  # of windows that do not fit
+        sums = np.full((*moving.shape, 2, BESIDE), np.nan)  # of windows that do not fit
         for layer, (lo, hi) in enumerate(offsets.slabs(a.shape[0])):
             some = np.flatnonzero(moving[layer])
             if not some.size:
@@ -73,19 +71,19 @@ def _batches(numbers: NDArray[np.int64], batch: int) -> Iterator[NDArray[np.int6
 
 @partial(jax.jit, static_argnames="size")
 def _sums(a: jax.Array, b: jax.Array, at: jax.Array, to: jax.Array, size: tuple[int, int, int]) -> jax.Array:
-    """Numerator of C and its denominator squared (batch, 2, 7), both 0 where the second window is even, of windows of
+    """Numerator of C and its denominator squared (batch, 2, BESIDE), 0 where the second window is even, of windows of
     ``a`` at ``at`` (batch, 3; z, y, x) with those of ``b`` at ``to`` and beside it (``offset_kernels.add_sums``)."""
     one = jax.vmap(lambda c: jax.lax.dynamic_slice(a, (c[0], c[1], c[2]), size))(at)
     wide = tuple(n + 2 for n in size)
     two = jax.vmap(lambda c: jax.lax.dynamic_slice(b, (c[0], c[1], c[2]), wide))(to - 1)
     one = one - one.mean((1, 2, 3), keepdims=True)
-    out = []
-    for step in _NEIGHBOURS:
-        near = jax.lax.slice(
-            two, (0, *(1 + s for s in step)), (len(two), *(1 + s + n for s, n in zip(step, size, strict=True)))
-        )
+
+    def beside(step: jax.Array) -> jax.Array:
+        near = jax.lax.dynamic_slice(two, (0, 1 + step[0], 1 + step[1], 1 + step[2]), (len(two), *size))
         squares = (near * near).sum((1, 2, 3))
         spread = near - near.mean((1, 2, 3), keepdims=True)  # before the squares: these would cancel in float32
         both = jnp.stack([(one * spread).sum((1, 2, 3)), (spread * spread).sum((1, 2, 3))], -1)
-        out.append(jnp.where((both[:, 1] > 1e-6 * squares)[:, None], both, 0.0))
-    return jnp.stack(out, -1)
+        return jnp.where((both[:, 1] > 1e-6 * squares)[:, None], both, 0.0)
+
+    # one after the other: side by side each would have a window's memory of its own
+    return jnp.moveaxis(jax.lax.map(beside, jnp.asarray(STEPS, jnp.int32)), 0, -1)

@@ -1,9 +1,9 @@
 """Discrete window offset: the displacements of the first pass refined without deformation.
 
 Once a displacement is known to the voxel, the two windows are cut where the same particles are (Westerweel, Dabiri &
-Gharib 1997, Exp. Fluids 23 20). Then only the correlation at zero residual displacement and one voxel away along each
-axis is needed. Summed directly, that costs a fraction of the transforms. Each value is normalised by the spread of
-the second window,
+Gharib 1997, Exp. Fluids 23 20). Then only the correlation at zero residual displacement and one voxel away, along
+each axis and along two, is needed. Summed directly, that costs a fraction of the transforms. Each value is normalised
+by the spread of the second window,
 
     C(d) = sum_x (a(x) - <a>) b(x + d) / sqrt(sum_x (b(x + d) - <b>)^2),
 
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.depth_weights import DepthWeights
-from plenopiv.displacement.offset_kernels import MOVES, add_to, refine, settle
+from plenopiv.displacement.offset_kernels import BESIDE, MOVES, add_to, refine, settle
 from plenopiv.displacement.windows import WindowGrid
 from plenopiv.volume import Volume
 
@@ -70,7 +70,7 @@ def summed_offset(
     for _ in range(MOVES + 1):
         if not moving.any():
             break
-        sums = np.zeros((*moving.shape, 2, 7))
+        sums = np.zeros((*moving.shape, 2, BESIDE))
 
         def work(layer: int, part: NDArray, places: NDArray, both: Slabs, sums: NDArray = sums) -> None:
             own = sums[layer, part]

@@ -5,10 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.displacement.peaks import gaussian_offset
+from plenopiv.displacement.peaks import FARTHEST, Y, gaussian_offset, untilted
 from plenopiv.kernels import inlined, kernel, part
 
 MOVES = 3  # steps of a voxel that the highest correlation may be away from the first estimate
+# Second windows beside the one that the first estimate says, z, y, x: along each axis, and along two of them.
+STEPS = np.array(
+    [(0, 0, 0), (-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)]
+    + [(s, t, 0) for s in (-1, 1) for t in (-1, 1)]
+    + [(s, 0, t) for s in (-1, 1) for t in (-1, 1)]
+    + [(0, s, t) for s in (-1, 1) for t in (-1, 1)]
+)
+BESIDE = len(STEPS)
 
 
 @inlined
@@ -33,7 +41,7 @@ def copied(
     k: int,
 ) -> None:
     """Copy plane k of the second window with a voxel more on each side into ``plane``; add the light of its rows, and
-    its square, to those of the seven windows that hold them."""
+    its square, to those of the windows of STEPS that hold them."""
     nz, ny, nx = size
     for j in range(-1, ny + 1):
         row, out = b[z, y + j, x - 1 : x + nx + 1], plane[(j + 1) * (nx + 2) : (j + 2) * (nx + 2)]
@@ -43,22 +51,18 @@ def copied(
         for i in range(1, nx + 1):
             s += row[i]
             q += row[i] * row[i]
-        if 0 <= j < ny:
-            for n in range(3):
-                if 0 <= k + (n == 1) - (n == 2) < nz:
-                    light[n] += s
-                    squares[n] += q
-        if 0 <= k < nz:
-            for n in range(3, 5):
-                if 0 <= j + (n == 3) - (n == 4) < ny:
-                    light[n] += s
-                    squares[n] += q
-            if 0 <= j < ny:
-                first, second, before, after = row[0], row[1], row[nx], row[nx + 1]
-                light[5] += s + first - before
-                light[6] += s + after - second
-                squares[5] += q + first * first - before * before
-                squares[6] += q + after * after - second * second
+        first, second, before, after = row[0], row[1], row[nx], row[nx + 1]
+        for n in range(BESIDE):
+            along_z, along_y, along_x = STEPS[n, 0], STEPS[n, 1], STEPS[n, 2]
+            if 0 <= k - along_z < nz and 0 <= j - along_y < ny:
+                light[n] += s
+                squares[n] += q
+                if along_x < 0:
+                    light[n] += first - before
+                    squares[n] += first * first - before * before
+                elif along_x > 0:
+                    light[n] += after - second
+                    squares[n] += after * after - second * second
 
 
 @part
@@ -70,14 +74,14 @@ def add_sums(
     size: tuple[int, int, int],
     sums: NDArray[np.float64],
 ) -> None:
-    """Numerator of C and its denominator squared: added to ``sums`` (2, 7), unless the second window is even.
+    """Numerator of C and its denominator squared: added to ``sums`` (2, BESIDE), unless the second window is even.
 
-    Of a window of volume ``a`` with the one of ``b`` at ``to``, and with those before and after it along z, y and x.
+    Of a window of volume ``a`` with the one of ``b`` at ``to`` and those beside it (STEPS).
     Planes are copied into rows that follow one another, so that a plane's products are one sum.
     """
     nz, ny, nx = size
     wide = nx + 2
-    products, light, squares = np.zeros(7), np.zeros(7), np.zeros(7)
+    products, light, squares = np.zeros(BESIDE), np.zeros(BESIDE), np.zeros(BESIDE)
     planes, own = np.zeros((3, (ny + 2) * wide), np.float32), np.zeros(ny * wide, np.float32)
     total = 0.0
     for k in range(-1, nz + 1):
@@ -91,13 +95,13 @@ def add_sums(
         if some == np.float32(0):
             continue
         total += float(some)
-        for n in range(7):
-            along_z, along_y, along_x = (n == 2) - (n == 1), (n == 4) - (n == 3), (n == 6) - (n == 5)
+        for n in range(BESIDE):
+            along_z, along_y, along_x = STEPS[n, 0], STEPS[n, 1], STEPS[n, 2]
             begin = (1 + along_y) * wide + 1 + along_x
             products[n] += product_of(own, planes[(k + 2 + along_z) % 3], begin, ny * wide - 2)
     count = nz * ny * nx
     mean = total / count
-    for n in range(7):
+    for n in range(BESIDE):
         spread = squares[n] - light[n] * light[n] / count
         if spread > 1e-6 * squares[n]:
             sums[0, n] += products[n] - mean * light[n]
@@ -106,8 +110,8 @@ def add_sums(
 
 @part
 def normalise(sums: NDArray[np.float64], c: NDArray[np.float64]) -> None:
-    """C (7,) of ``sums``; 0 where the second windows are even."""
-    for n in range(7):
+    """C (BESIDE,) of ``sums``; 0 where the second windows are even."""
+    for n in range(BESIDE):
         c[n] = sums[0, n] / np.sqrt(sums[1, n]) if sums[1, n] > 0.0 else 0.0
 
 
@@ -120,8 +124,8 @@ def correlations(
     size: tuple[int, int, int],
     c: NDArray[np.float64],
 ) -> None:
-    """C of the seven windows of ``add_sums``: ``c`` (7,)."""
-    sums = np.zeros((2, 7))
+    """C of the windows of ``add_sums``: ``c`` (BESIDE,)."""
+    sums = np.zeros((2, BESIDE))
     add_sums(a, b, at, to, size, sums)
     normalise(sums, c)
 
@@ -163,17 +167,25 @@ def find_places(
 
 @part
 def settled(c: NDArray[np.float64], whole: NDArray[np.int64], vector: NDArray[np.float64]) -> bool:
-    """Whether the middle of ``c`` (7,) is the highest; ``vector`` is then its maximum, unless that is not positive.
-    Otherwise ``whole`` moves a voxel."""
+    """Whether the middle of ``c`` (BESIDE,) is the highest; ``vector`` is then its maximum, unless that is not
+    positive. Otherwise ``whole`` moves to the highest. Peaks may be slanted (``peaks.untilted``)."""
     best = 0
-    for k in range(1, 7):
+    for k in range(1, BESIDE):
         best = k if c[k] > c[best] else best
     if best > 0:
-        whole[(best - 1) // 2] += 1 if best % 2 == 0 else -1
+        for axis in range(3):
+            whole[axis] += STEPS[best, axis]
         return False
-    for axis in range(3):
-        off = gaussian_offset(c[2 * axis + 1], c[0], c[2 * axis + 2])
-        vector[2 - axis] = whole[axis] + off if c[0] > 0.0 else vector[2 - axis]
+    if c[0] > 0.0:
+        r, untilt, along = np.zeros((3, 3, 3)), np.empty((3, 3)), np.empty(3)
+        for k in range(BESIDE):
+            r[1 + STEPS[k, 0], 1 + STEPS[k, 1], 1 + STEPS[k, 2]] = c[k]
+        untilted(r, Y, Y, Y, untilt)
+        for axis in range(3):
+            along[2 - axis] = gaussian_offset(c[2 * axis + 1], c[0], c[2 * axis + 2])
+        for axis in range(3):
+            off = untilt[axis, 0] * along[0] + untilt[axis, 1] * along[1] + untilt[axis, 2] * along[2]
+            vector[axis] = whole[2 - axis] + min(FARTHEST, max(-FARTHEST, off))
     return True
 
 
@@ -188,7 +200,7 @@ def refine(
 ) -> None:
     """``vectors`` (count, 3), x y z, of windows whose first voxels are ``corners`` (count, 3), z y x; ``again``: which
     were found."""
-    at, to, whole, c = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3, np.int64), np.empty(7)
+    at, to, whole, c = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3, np.int64), np.empty(BESIDE)
     for n in range(corners.shape[0]):
         for axis in range(3):
             whole[axis] = np.int64(np.rint(vectors[n, 2 - axis]))
@@ -210,7 +222,7 @@ def add_to(
     whole: NDArray[np.int64],
     sums: NDArray[np.float64],
 ) -> None:
-    """Add those of one more pair to the ``sums`` (count, 2, 7) of windows that are ``whole`` (count, 3) voxels apart.
+    """Add those of one more pair to the ``sums`` (count, 2, BESIDE) of windows ``whole`` (count, 3) voxels apart.
     Where they do not fit, the sums become NaN."""
     at, to = np.empty(3, np.int64), np.empty(3, np.int64)
     for n in range(corners.shape[0]):
@@ -229,7 +241,7 @@ def settle(
     moving: NDArray[np.bool_],
 ) -> None:
     """One step of ``refine`` from the sums over all pairs; ``moving``: which windows need another."""
-    c = np.empty(7)
+    c = np.empty(BESIDE)
     for n in range(sums.shape[0]):
         moving[n] = False
         if not np.isnan(sums[n, 0, 0]):
