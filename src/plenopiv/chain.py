@@ -327,24 +327,24 @@ class Chain:
         Raises:
             PlenoPIVError: there is no pair; else as ``velocity``.
         """
-        found = measure_ensemble(
-            EachVolume(pairs, self.correlated), self._of_correlated, progress, self.solid, self.depth_weights
-        )
+        shown = EachVolume(pairs, self.correlated)
+        found = measure_ensemble(shown, self._of_correlated, progress, self.solid, self.depth_weights)
         return self.dataset(found, dt_s, time_s)
 
     def dataset(self, field: DisplacementField, dt_s: float, time_s: float = 0.0) -> xarray.Dataset:
-        """The velocity field of a displacement field in ``dt_s``, m/s at mid-time ``time_s`` (``velocity_dataset``); of
-        one plenoptic camera it says which vectors lie near focus, and which at the volume's front and back.
+        """The velocity field of a displacement field in ``dt_s``, m/s at mid-time ``time_s``, by ``velocity_dataset``.
+        Of one plenoptic camera it says which vectors lie near focus, and which at the volume's front and back.
 
         Raises:
             PlenoPIVError: ``dt_s`` is not positive.
         """
         near, at_face, camera = None, None, self.cameras[0]
         if len(self.cameras) == 1 and isinstance(camera, PlenopticCamera):
-            index = field.x, field.y, field.z
-            axes = (f + v * n for f, v, n in zip(self.grid.first_mm, self.grid.voxel_mm, index, strict=True))
-            at = np.stack(np.meshgrid(*axes, indexing="ij"), -1).transpose(2, 1, 0, 3)
-            near = near_focus(camera, (at if self.space is None else self.space.to_lens(at))[..., 2])
-            layers = near_face(field.z, self.grid.shape[0], self.correlation.windows[-1][2])
-            at_face = np.broadcast_to(layers[:, None, None], near.shape)
+            deep, ends = self.correlation.windows[-1][2], []
+            for z in (field.z - 0.25 * deep, field.z + 0.25 * deep):  # of the middle half of each window
+                index = zip(self.grid.first_mm, self.grid.voxel_mm, (field.x, field.y, z), strict=True)
+                at = np.stack(np.meshgrid(*(f + v * n for f, v, n in index), indexing="ij"), -1).transpose(2, 1, 0, 3)
+                ends += [(at if self.space is None else self.space.to_lens(at))[..., 2]]
+            near = near_focus(camera, *ends)
+            at_face = np.broadcast_to(near_face(field.z, self.grid.shape[0], deep)[:, None, None], near.shape)
         return velocity_dataset(field, self.grid, dt_s, time_s, self.frame, near, at_face)

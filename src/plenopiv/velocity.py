@@ -45,8 +45,8 @@ def velocity_dataset(
     in m/s after replacement; u_raw, v_raw, w_raw before (``DisplacementField.raw``); u_std, v_std, w_std in m/s, the
     standard deviations of u, v, w; valid (int8, 1 = measured, 0 = replaced); peak_ratio; where a body was named
     inside_body (int8), 1 where the window lies more than half in it: all others are then NaN, and valid is 0; with
-    ``near_focus`` (nz, ny, nx) near_focus (int8), 1 where light has hardly any depth, and with ``near_face`` (nz, ny,
-    nx) near_face (int8), 1 where windows reach to the volume's front or back.
+    ``near_focus`` (nz, ny, nx) near_focus (int8), 1 where much of a window has hardly any depth, and with ``near_face``
+    (nz, ny, nx) near_face (int8), 1 where windows reach to the volume's front or back.
     """
     import xarray as xr
 
@@ -88,7 +88,7 @@ def velocity_dataset(
         },
     )
     for name, flags, meaning in (
-        ("near_focus", near_focus, "within 1.5 dead zones of focus, where displacements in depth may be biased"),
+        ("near_focus", near_focus, "window reaches far into focus, where displacements in depth may be biased"),
         ("near_face", near_face, "window at the volume's front or back, where displacements in depth may be biased"),
     ):
         if flags is not None:

@@ -3,7 +3,7 @@
 import numpy as np
 from oracles.cameras import small_camera
 
-from plenopiv.reconstruction.focus import LEAST, focus_weight
+from plenopiv.reconstruction.focus import LEAST, focus_weight, near_focus
 
 
 def test_weight_grows_from_focus_to_one_at_the_reach():
@@ -16,3 +16,13 @@ def test_weight_grows_from_focus_to_one_at_the_reach():
 
 def test_weight_keeps_the_shape_of_depths():
     assert focus_weight(small_camera("square"), np.ones((4, 3, 2)), 2.0).shape == (4, 3, 2)
+
+
+def test_a_window_is_near_focus_where_its_middle_half_reaches_into_it():
+    camera = small_camera("hexagonal")
+    below, above = camera.dead_zone_mm()
+    ends = np.array([(1.4, 3), (1.6, 3), (-2.0, 1.6), (-3, -1.6), (-3, -1.4), (1.4, 1.45)])
+    ends = np.where(ends > 0, ends * above, -ends * below)
+    near = [True, False, True, False, True, True]
+    assert near_focus(camera, *ends.T).tolist() == near
+    assert near_focus(camera, *ends[:, ::-1].T).tolist() == near  # whichever end is the nearer

@@ -30,6 +30,8 @@ def focus_weight(camera: PlenopticCamera, z_mm: NDArray[np.float64], reach: floa
     return np.clip((camera.dead_zones(z_mm) / reach) ** POWER, LEAST, 1).astype(np.float32)
 
 
-def near_focus(camera: PlenopticCamera, z_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Where windows whose middle is at ``z_mm`` see mostly light without depth, in its shape."""
-    return camera.dead_zones(z_mm) < NEAR
+def near_focus(camera: PlenopticCamera, *ends_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which windows see much light without depth, of the shape of ``ends_mm``: z of the two ends of the middle half of
+    each. Within NEAR dead zones lies a place between them."""
+    low, high = np.minimum(*ends_mm), np.maximum(*ends_mm)
+    return camera.dead_zones(np.clip(0.0, low, high)) < NEAR
