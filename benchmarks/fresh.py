@@ -37,7 +37,7 @@ DECISIONS = {
     "checks": 53,
     "reconstruction": 62,
     "correlation": 76,
-    "tracking": 74,
+    "tracking": 77,
     "links": 72,
     "fields": 75,
     "statistics": 56,

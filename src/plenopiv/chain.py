@@ -282,9 +282,9 @@ class Chain:
 
         Light is shared among the laboratory's voxels after it is compressed: its centre stays where it is. The square
         root of light that is shared already is off its centre by where that lies between voxels, and as lines of sight
-        are slanted against the grid, that changes as particles move in depth.
+        are slanted against the grid, that changes as particles move in depth. Raises PlenoPIVError for another grid's.
         """
-        if volume.grid != self.lens_grid:
+        if not volume.grid.agrees_with(self.lens_grid):
             raise PlenoPIVError(f"volume: {volume.grid!r}, but the chain's is {self.lens_grid!r}")
         light = compressed(self.weighted(volume), self.correlation.intensity_exponent)
         return light if self.space is None else self.in_laboratory(SparseVolume.of(light))

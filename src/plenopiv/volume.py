@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Limits = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]  # (lo, hi) in mm along x, y, z
+SAME = 1e-6  # of a voxel: grids that differ by less do by rounding alone
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,14 @@ class VoxelGrid:
     def size(self) -> int:
         """Number of voxels."""
         return self.shape[0] * self.shape[1] * self.shape[2]
+
+    def agrees_with(self, other: VoxelGrid) -> bool:
+        """Whether both are the same but for rounding, which differs between machines: to SAME of a voxel."""
+        if self.shape != other.shape:
+            return False
+        first, voxel = np.subtract(self.first_mm, other.first_mm), np.array(self.voxel_mm)
+        apart = np.abs(first) + np.abs(voxel - other.voxel_mm) * self.shape[::-1]
+        return bool((apart <= SAME * voxel).all())
 
     def axes(self) -> tuple[NDArray, NDArray, NDArray]:
         """Voxel centres in mm along x, y and z."""

@@ -272,6 +272,21 @@ def test_noise_does_not_make_a_saddle_of_a_peak():
     assert np.linalg.det(np.linalg.inv(matrix)) > 0.01  # neither flat nor a ridge along any direction
 
 
+def test_slanted_peaks_do_not_depend_on_the_unit_of_light():
+    """Also where noise leaves a neighbour below zero, of which there is no logarithm."""
+    rng = np.random.default_rng(7)
+    below = 0
+    for _ in range(200):
+        c = rng.normal(0.35, 0.25, (3, 3, 3))
+        c[1, 1, 1] = 1.0
+        below += min(c[1, 1, 0], c[1, 1, 2], c[1, 0, 1], c[1, 2, 1], c[0, 1, 1], c[2, 1, 1]) <= 0.0
+        one, other = np.empty((3, 3)), np.empty((3, 3))
+        untilted(c, 1, 1, 1, one)
+        untilted(1e3 * c, 1, 1, 1, other)
+        np.testing.assert_allclose(one, other, rtol=1e-9)
+    assert below > 20
+
+
 def test_second_peak_and_slopes():
     c = np.zeros((3, 3, 3, 21), np.float32)
     c[0, 1, 1, 4], c[0, 1, 1, 15], c[0, 1, 1, 6] = 2.0, 1.0, 1.8  # 6 is the flank of 4

@@ -5,6 +5,7 @@ import pytest
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.simulation.flows import flow
+from plenopiv.tracking import splines
 from plenopiv.tracking.field import field_from_tracks
 
 LIMITS = ((-1.0, 1.0), (-1.0, 1.0), (-0.8, 0.8))
@@ -122,3 +123,27 @@ def test_error_bars_know_what_nodes_do_not_resolve():
     assert bars[even, 2].mean() < 0.5 * bars[bends, 2].mean()
     scatter = np.stack([field._basis(places) @ each.T for each in field.coefficients[1:]]).std(0)
     assert (off < 2 * scatter[:, 2])[bends].mean() < (off < 2 * bars[:, 2])[bends].mean()
+
+
+def strip(width, seed):
+    """Tracks in one corner, uniform flow."""
+    rng = np.random.default_rng(seed)
+    position = rng.uniform(0, 1, (120, 3)) * (4.0, width, 0.2)
+    std = np.full(position.shape, 0.01)
+    return position, np.array([0.3, 0.1, -0.2]) + std * rng.standard_normal(position.shape), std
+
+
+@pytest.mark.parametrize("along", [1.0, 0.05])
+@pytest.mark.parametrize("seed", range(2))
+def test_tracks_in_a_corner_make_a_field(seed, along):
+    """However smooth it may be: where no track is, little holds the coefficients."""
+    position, velocity, std = strip(1.0, seed)
+    position = position * (along, 1, 1)
+    field = field_from_tracks(position, velocity, std, ((0.0, 4.0),) * 3, 1.0)
+    assert np.sqrt(np.mean((field.velocity(position)[0] - (0.3, 0.1, -0.2)) ** 2)) < 0.01  # of one track
+
+
+def test_coefficients_that_rounding_hides_are_said(monkeypatch):
+    monkeypatch.setattr(splines, "RIDGE", -1.0)
+    with pytest.raises(PlenoPIVError, match="in a part of the volume alone make no field"):
+        field_from_tracks(*strip(1.0, 0), ((0.0, 4.0),) * 3, 1.0)

@@ -5,8 +5,9 @@ import pytest
 from particle_scenes import CAMERA, GAIN, LIMITS, VOXEL_MM, nearest, noisy, pixels_of, seeded
 
 from plenopiv.tracking.evidence import errors_of
-from plenopiv.tracking.frame import particles_of_frame, with_noise
+from plenopiv.tracking.frame import particles_of_frame
 from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
+from plenopiv.tracking.pixels import with_noise
 from plenopiv.tracking.refine import Prior, refine
 from plenopiv.tracking.splits import STEPS, crowded, equations, near_any, pairs, splits
 

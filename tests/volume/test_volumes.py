@@ -91,3 +91,15 @@ def test_rows_and_their_stack():
     for name in ("row_start", "column", "values"):
         np.testing.assert_array_equal(getattr(again, name), getattr(volume, name))
         assert getattr(again, name).dtype == getattr(volume, name).dtype
+
+
+def test_grids_agree_but_for_rounding():
+    grid = VoxelGrid((0.1, -0.2, 0.3), (0.02, 0.03, 0.1), (30, 20, 10))
+    off = np.nextafter(0.3, 1.0)
+    assert grid.agrees_with(VoxelGrid((0.1, -0.2, off), (0.02, 0.03, 0.1), (30, 20, 10)))
+    for other in (
+        VoxelGrid((0.1, -0.2, 0.3 + 1e-6), (0.02, 0.03, 0.1), (30, 20, 10)),
+        VoxelGrid((0.1, -0.2, 0.3), (0.02, 0.03, 0.1 + 1e-8), (30, 20, 10)),
+        VoxelGrid((0.1, -0.2, 0.3), (0.02, 0.03, 0.1), (30, 20, 11)),
+    ):
+        assert not grid.agrees_with(other)

@@ -77,6 +77,8 @@ def untilted(r: NDArray[np.float32], z: int, y: int, x: int, matrix: NDArray[np.
             matrix[i, j] = 1.0 if i == j else 0.0
     if a <= 0.0 or b <= 0.0 or c <= 0.0:
         return
+    if min(r[z, y, x - 1], r[z, y, x + 1], r[z, y - 1, x], r[z, y + 1, x], r[z - 1, y, x], r[z + 1, y, x]) <= 0.0:
+        return  # curvatures there are not of log r, and in its unit
     xy, xz, yz = twist(r, z, y, x, Y, X), twist(r, z, y, x, Z, X), twist(r, z, y, x, Z, Y)
     while True:
         p, q, s = xy * xy / (a * b), xz * xz / (a * c), yz * yz / (b * c)

@@ -30,8 +30,10 @@ def focus_weight(camera: PlenopticCamera, z_mm: NDArray[np.float64], reach: floa
     return np.clip((camera.dead_zones(z_mm) / reach) ** POWER, LEAST, 1).astype(np.float32)
 
 
-def near_focus(camera: PlenopticCamera, *ends_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which windows see much light without depth, of the shape of ``ends_mm``: z of the two ends of the middle half of
-    each. Within NEAR dead zones lies a place between them."""
-    low, high = np.minimum(*ends_mm), np.maximum(*ends_mm)
+def near_focus(
+    camera: PlenopticCamera, one_end_mm: NDArray[np.float64], other_end_mm: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Which windows see much light without depth, in the shape of z of the two ends of the middle half of each: a place
+    between them lies within NEAR dead zones."""
+    low, high = np.minimum(one_end_mm, other_end_mm), np.maximum(one_end_mm, other_end_mm)
     return camera.dead_zones(np.clip(0.0, low, high)) < NEAR

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import logging
 import warnings
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -137,16 +138,22 @@ def track(experiment: Experiment, progress: Progress | None = None, overwrite: b
 
 
 def _in_turn(job: TrackJob, numbers: Sequence[int], clock: Clock, report: Progress) -> Iterator[PairRecord]:
-    """The records of the pairs ``numbers``, their files written; a frame that two pairs share is made once."""
+    """The records of the pairs ``numbers``, their files written. A frame that two pairs share is made once, and by
+    itself; the second frame of a pair that shares none begins where the first one's particles have moved to."""
     pairs, held = job.tracker.recording.pairs, dict[int, TrackedFrame | LostFrame]()
+    shared = Counter(k for pair in pairs for k in pair)
     for number in numbers:
-        held = {k: found for k, found in held.items() if k in pairs[number]}
-        for k in pairs[number]:
-            if k not in held:
-                with clock("particles"):
-                    held[k] = job.frame(k, report)
+        one, other = pairs[number]
+        held, moved = {k: found for k, found in held.items() if k in (one, other)}, None
+        with clock("particles"):
+            first = held[one] if one in held else job.frame(one, report)
+            if isinstance(first, TrackedFrame) and shared[one] == shared[other] == 1:
+                second, moved = job.second(other, first, report)
+            else:
+                second = held[other] if other in held else job.frame(other, report)
+        held = {one: first, other: second}
         with clock("links and field"):
-            yield job.pair(number, held[pairs[number][0]], held[pairs[number][1]], report)
+            yield job.pair(number, first, second, report, moved)
 
 
 def _put_together(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -11,10 +12,12 @@ from numpy.typing import NDArray
 
 from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.chain import Chain
+from plenopiv.errors import PlenoPIVError
 from plenopiv.recording import Recording
 from plenopiv.run.frame import Progress
 from plenopiv.run.inputs import frame_entry, of_image
-from plenopiv.tracking.frame import FrameParticles, particles_of_frame
+from plenopiv.tracking.frame import FrameParticles, particles_of_frame, particles_of_second_frame
+from plenopiv.tracking.frame import Progress as Steps
 from plenopiv.tracking.light import PointLights, diffraction_px
 from plenopiv.tracking.peaks import peaks
 from plenopiv.tracking.pixels import Pixels
@@ -22,6 +25,9 @@ from plenopiv.tracking.predict import Predicted
 from plenopiv.tracking.rim import clipped_by_rim
 from plenopiv.tracking.shaken import particles_of_prediction
 from plenopiv.volume import Limits, SparseVolume, VoxelGrid, within
+
+Array = NDArray[np.float64]
+Expected = Callable[[SparseVolume], "tuple[Array, Array] | None"]
 
 AROUND = 4  # voxels beyond the volume in which particles are looked for too: they light the same pixels
 
@@ -81,8 +87,10 @@ class FrameTracker:
         sensor, noise = self.chain.camera.sensor, self.chain.counts_per_electron
         return Pixels.of_image(image, sensor.black_level, sensor.full_scale, dark, noise, self.unusable, static)
 
-    def frame(self, number: int, report: Progress) -> TrackedFrame:
-        """Frame ``number``, from 0.
+    def frame(self, number: int, report: Progress, expected: Expected | None = None) -> TrackedFrame:
+        """Frame ``number``, from 0. ``expected``: of its volume, the positions (n, 3) mm of particles that are expected
+        in it, in the frame of the chain's grid, and their light (n,); or None. Where there are none, or these are not
+        there, the brightest voxels are the first guess.
 
         Raises:
             PlenoPIVError: its image cannot be used, or shows no particles.
@@ -92,15 +100,29 @@ class FrameTracker:
         image, static = self.recording.light(number)
         behind = None if static is None else [static]
         made = chain.reconstruct([image], source.name, partial(report, f"reconstruction of {source.name}"), behind)
+        known = None if expected is None else expected(made.volume)
         pixels = self.pixels(image, made.noise.dark, static)
-        stage = partial(report, f"particles of {source.name}")
-        guess = peaks(made.volume)
-        particles = particles_of_frame(self.of_points, pixels, *guess, around(chain.lens_grid), stage)
+        stage, limits = partial(report, f"particles of {source.name}"), around(chain.lens_grid)
+        particles = None if known is None else self._expected(pixels, *known, limits, stage)
+        if particles is None:
+            particles = particles_of_frame(self.of_points, pixels, *peaks(made.volume), limits, stage)
         if chain.space is not None:
             particles = in_laboratory(particles, chain.space)
             # lens space is a box around the volume's image
             particles = particles.of(within(particles.position_mm, around(chain.grid)))
         return TrackedFrame(number, made.volume, particles, entry | {"sha256": of_image(image)}, made.noise.dark)
+
+    def _expected(
+        self, pixels: Pixels, position_mm: Array, light: Array, limits: Limits, stage: Steps
+    ) -> FrameParticles | None:
+        """The particles of a frame where they are expected; None where they are not there."""
+        if self.chain.space is not None:
+            position_mm = self.chain.space.to_lens(position_mm)
+        inside = within(position_mm, limits)
+        try:
+            return particles_of_second_frame(self.of_points, pixels, position_mm[inside], light[inside], limits, stage)
+        except PlenoPIVError:
+            return None
 
     def volume(self, number: int, report: Progress) -> SparseVolume:
         """The volume of frame ``number``, whose particles are known.

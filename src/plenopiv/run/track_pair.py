@@ -21,10 +21,12 @@ from plenopiv.run.frame import LostFrame, Progress, taken_or_lost
 from plenopiv.run.pair import PairRecord
 from plenopiv.run.track_field import of_links, velocity_of_tracks
 from plenopiv.run.track_frame import FrameTracker, TrackedFrame
+from plenopiv.tracking.expected import expected
 from plenopiv.tracking.frame import FrameParticles
 from plenopiv.tracking.links import Links, link
+from plenopiv.tracking.peaks import peaks
 from plenopiv.tracking.tracks import tracks_dataset
-from plenopiv.volume import VoxelGrid
+from plenopiv.volume import SparseVolume, VoxelGrid
 
 SCATTER_VOXELS = 0.7  # first guess of how far correlation is from a particle's displacement
 FARTHER = 3.0  # times the largest displacement of the correlation is the largest of a particle
@@ -49,10 +51,40 @@ class TrackJob:
         """
         return taken_or_lost(self.tracker.recording, number, partial(self.tracker.frame, number, report))
 
+    def second(
+        self, number: int, first: TrackedFrame, report: Progress
+    ) -> tuple[TrackedFrame | LostFrame, DisplacementField | None]:
+        """Frame ``number``, whose particles begin where those of the ``first`` frame of its pair are expected; and the
+        displacement that correlation finds for that, if it does.
+
+        Raises:
+            PlenoPIVError: as ``frame``.
+        """
+        chain, moved = self.tracker.chain, list[DisplacementField]()
+
+        def guess(volume: SparseVolume) -> tuple[Array, Array] | None:
+            try:
+                moved.append(chain.displacement(first.volume, volume, report))
+            except PlenoPIVError:
+                return None  # ``pair`` says why
+            place, light = peaks(volume)
+            if chain.space is not None:
+                place = chain.space.to_laboratory(place)
+            return expected(first.particles, place, light, *search(moved[0], chain.grid, self.table))
+
+        take = partial(self.tracker.frame, number, report, guess)
+        return taken_or_lost(self.tracker.recording, number, take), next(iter(moved), None)
+
     def pair(
-        self, number: int, before: TrackedFrame | LostFrame, after: TrackedFrame | LostFrame, report: Progress
+        self,
+        number: int,
+        before: TrackedFrame | LostFrame,
+        after: TrackedFrame | LostFrame,
+        report: Progress,
+        moved: DisplacementField | None = None,
     ) -> PairRecord:
-        """Link the particles of a pair's frames, make the field of these links, and write both.
+        """Link the particles of a pair's frames, make the field of these links, and write both. ``moved``: what
+        correlation finds, where that is known.
 
         Raises:
             PlenoPIVError: a file cannot be written; there are no links or no field in the only pair.
@@ -67,7 +99,8 @@ class TrackJob:
             return record
         first, second = before.particles, after.particles
         with record.measuring(only):
-            moved = chain.displacement(before.volume, after.volume, report)
+            if moved is None:
+                moved = chain.displacement(before.volume, after.volume, report)
             links = linked(first, second, moved, chain.grid, self.table)
             stage, time_s = partial(report, "field of the tracks"), recording.mid_time_s(number)
             velocity = velocity_of_tracks(of_links(first, second, links), chain, self.table, dt_s, time_s, stage)
@@ -105,11 +138,19 @@ def linked(
     first: FrameParticles, second: FrameParticles, field: DisplacementField, grid: VoxelGrid, table: TrackingTable
 ) -> Links:
     """The links of a pair, the correlation's ``field`` (voxels of ``grid``) saying where to look."""
+    return link(first, second, *search(field, grid, table))
+
+
+def search(
+    field: DisplacementField, grid: VoxelGrid, table: TrackingTable
+) -> tuple[Callable[[Array], Array], Array, float]:
+    """Displacements to expect, how far they may be off and how large they may be, in mm, as ``links.link`` takes
+    them."""
     most = table.max_displacement_mm
     if most is None:
         lengths = np.linalg.norm(field.displacement * np.reshape(grid.voxel_mm, (3, 1, 1, 1)), axis=0)
         most = FARTHER * float(np.nanmax(lengths)) + grid.voxel_mm[2]
-    return link(first, second, predictor(field, grid), SCATTER_VOXELS * np.asarray(grid.voxel_mm), most)
+    return predictor(field, grid), SCATTER_VOXELS * np.asarray(grid.voxel_mm), most
 
 
 def predictor(field: DisplacementField, grid: VoxelGrid) -> Callable[[Array], Array]:

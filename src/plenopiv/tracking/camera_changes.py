@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from plenopiv.cameras.pinhole import PinholeCamera, rotation_matrix, rotation_vector
 from plenopiv.errors import PlenoPIVError
-from plenopiv.tracking.frame import particles_of_frame, with_noise
+from plenopiv.tracking.frame import particles_of_frame
 from plenopiv.tracking.light import LightOfPoints
 from plenopiv.tracking.pinhole_light import PinholeLights
 from plenopiv.tracking.pinhole_search import LEAST, bright_spots, of_spots
-from plenopiv.tracking.pixels import Pixels
+from plenopiv.tracking.pixels import Pixels, with_noise
 from plenopiv.tracking.refine import Fit
 from plenopiv.tracking.with_calibration import HELPS, Seen, misfit, settle
 from plenopiv.volume import Limits

@@ -14,11 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.threads import in_threads
+from plenopiv.tracking.areas import areas
 from plenopiv.tracking.covariance import NEIGHBOURS, covariance_among, with_those_about
+from plenopiv.tracking.equations import own_equations
 from plenopiv.tracking.normal_kernels import mean_misfit
-from plenopiv.tracking.refine import Fit
+from plenopiv.tracking.pixels import SAMPLE, Pixels, with_noise
+from plenopiv.tracking.refine import Fit, pixel_weights, residual_of
 
 LEAST = 35.0  # by which a particle lowers chi^2
+PRESENT = 0.4  # of its expected light that a particle's pixels must hold
 COUPLED = 0.1  # share of information in common above which of two weak particles only the weaker goes
 
 Array = NDArray[np.float64]
@@ -73,3 +77,20 @@ def without_evidence(
 def lowers(covariance: Array, misfits: Array) -> Array:
     """By how much the light of each particle (n,) lowers chi^2, of its ``covariance`` (n, 4, 4)."""
     return np.asarray(1.0 / np.maximum(covariance[:, 3, 3], 1e-30) / np.maximum(misfits, 1.0))
+
+
+def present(fit: Fit, pixels: Pixels, sample: int = SAMPLE) -> tuple[Pixels, Array, NDArray[np.bool_]]:
+    """The pixels with their noise, the light with the factor of this frame, and which particles are there, of those
+    where a ``fit`` begins; noise is measured on a ``sample`` of pixels."""
+    image, light, ratio = fit.image, fit.light, np.ones(len(fit.light))
+    for turn in range(2):
+        if turn == 0:
+            pixels = with_noise(pixels, image, sample)
+        else:
+            brighter = max(float(np.median(ratio)), 0.1)
+            image, light = brighter * image, brighter * light
+        weight, pull = pixel_weights(pixels.usable, *residual_of(image, pixels))
+        for area in areas(fit.position_mm[:, :2]):
+            own, slope = own_equations(fit.lights_of(area), light[area], weight, pull)
+            ratio[area] = 1.0 + slope[:, 3] / np.maximum(own[:, 3, 3], 1e-30)
+    return pixels, light, ratio > PRESENT

@@ -41,7 +41,7 @@ OUTLYING = 4.0  # standard deviations of its error from which on a residual leav
 OF_UNRESOLVED = 8.0  # ... and of what is not resolved, which has tails, by residuals of ...
 AROUND = 16  # ... the tracks about it
 MEDIAN_SQUARE = 0.455  # of a normal deviate
-CHANCE = 1.5  # times its true value that a variance by the median of AROUND residuals reaches in one case of six
+CHANCE = 1.5  # times its true value that a variance by the median of AROUND residuals exceeds in one case of five
 
 Array = NDArray[np.float64]
 
@@ -95,7 +95,8 @@ def field_from_tracks(
     ``limits_mm``, nodes ``step_mm`` apart.
 
     Raises:
-        PlenoPIVError: fewer tracks than a cubic has coefficients, or a step that is not positive.
+        PlenoPIVError: fewer tracks than a cubic has coefficients, or in a small part of the volume alone; or a step
+            that is not positive.
     """
     position, velocity, std = (np.asarray(each, np.float64) for each in (position_mm, velocity_m_s, std_m_s))
     if len(position) < LEAST_TRACKS or not step_mm > 0:
@@ -118,9 +119,9 @@ def field_from_tracks(
         first = Equations(values[used], whole[used], *form).solution(velocity[used][None], smoothing)[0]
         missed = np.abs(values @ first.T - velocity)
         usual = np.median(missed[around], 1) ** 2 / MEDIAN_SQUARE
-        unresolved = np.maximum(usual - CHANCE * np.median(std[around], 1) ** 2, 0.0)
-        most = np.sqrt(OUTLYING**2 * std**2 + OF_UNRESOLVED**2 * unresolved)
-        whole, used = np.sqrt(std**2 + unresolved), np.asarray(inside & (missed < most).all(1), np.bool_)
+        finer = np.maximum(usual - CHANCE * np.median(std[around], 1) ** 2, 0.0)  # than nodes
+        most = np.sqrt(OUTLYING**2 * std**2 + OF_UNRESOLVED**2 * finer)
+        whole, used = np.sqrt(std**2 + finer), np.asarray(inside & (missed < most).all(1), np.bool_)
         if again:
             smoothing = _chosen(values[used], velocity[used], whole[used], *form)
     position, values, velocity, std, whole = (each[used] for each in (position, values, velocity, std, whole))
@@ -178,8 +179,11 @@ def _chosen(values: csr_array, velocity: Array, std: Array, nodes: Nodes, diverg
     def error(power: float) -> float:
         """With a smoothing of 10 to the ``power``."""
         if power not in errors:
-            held, missed = _missed(folds, values, velocity, 10.0**power)
-            errors[power] = float(np.minimum((missed / std[held]) ** 2, LARGEST).mean())
+            try:
+                held, missed = _missed(folds, values, velocity, 10.0**power)
+                errors[power] = float(np.minimum((missed / std[held]) ** 2, LARGEST).mean())
+            except PlenoPIVError:  # so smooth that the tracks' information is below rounding
+                errors[power] = np.inf
         return errors[power]
 
     best = USUAL

@@ -11,26 +11,27 @@ from numpy.typing import NDArray
 from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking.areas import in_order
 from plenopiv.tracking.covariance import NEIGHBOURS as MOST_NEIGHBOURS
-from plenopiv.tracking.evidence import errors_of, without_evidence
-from plenopiv.tracking.light import LightOfPoints
-from plenopiv.tracking.pixels import SAMPLE, Pixels
+from plenopiv.tracking.evidence import errors_of, present, without_evidence
+from plenopiv.tracking.light import LightOfPoints, Lights
+from plenopiv.tracking.pixels import Pixels, lit_by, with_noise
 from plenopiv.tracking.refine import Fit, Prior, first_light, refine
 from plenopiv.tracking.splits import crowded, near_any, splits
 from plenopiv.volume import Limits
 
-PASSES = 8  # of fitting and searching, at most
-FIRST_STEPS, STEPS = 4, 3  # Gauss-Newton iterations of the first pass, and of those after it
+PASSES, KNOWN_PASSES = 8, 3  # of fitting and searching, at most; and where the first frame of a pair is known
+FIRST_STEPS, KNOWN_STEPS, STEPS = 4, 1, 3  # Gauss-Newton iterations of the first pass, and of those after it
 NEIGHBOURS = 12  # whose parameters are free where particles are judged on the way
 FEW = 0.01  # share of particles left out and found below which no other pass follows
+FEWEST = 0.5  # of the particles that are expected in a second frame: fewer there, and they were expected elsewhere
 LAST_STEPS = 6
 STILL = 0.03  # standard deviations by which its own pixels must pull a particle for it to move, in the last fit ...
 ROUGHLY = 1.0  # ... and on the way
 BEGUN = 1.5  # times the median's misfit that counts against a particle on the way, where it has only begun to fit
 NEAR, ROUGHLY_NEAR = 0.01, 0.04  # units within which light follows its derivatives, in the last fit and on the way
-UNLIT = 1e-7  # counts of a pixel that no particle lights
 FIRST_LIGHT = 0.5  # of the median particle's, of a particle that is found in what is left
 
 NONE = "tracking: the pixels speak for no particle; check camera, calibration and noise with plenopiv check"
+ELSEWHERE = "tracking: the particles of the first frame are not where they are expected in the second"
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -84,30 +85,88 @@ def particles_of_frame(
     position_mm, light = position_mm[order], light[order]
     prior = Prior(position_mm, of_points.prior_std_mm)
     light = first_light(of_points, pixels, position_mm, light)
-    position, lights, image = position_mm, None, None
+    begin = _Start(position_mm, light, prior, None, np.empty((0, 3)), FIRST_STEPS, PASSES)
+    return _in_passes(of_points, pixels, begin, limits_mm, progress)
+
+
+def particles_of_second_frame(
+    of_points: LightOfPoints,
+    pixels: Pixels,
+    expected_mm: Array,
+    light: Array,
+    limits_mm: Limits,
+    progress: Progress | None = None,
+) -> FrameParticles:
+    """The particles of the second frame of a pair, from where those of the first are expected in it (n, 3) mm, within a
+    few voxels, and their light (n,) counts there, one factor of which is free. Nothing else is taken from the first
+    frame: errors of both are independent.
+
+    Raises:
+        PlenoPIVError: fewer than FEWEST of them are there, or the pixels speak for no particle.
+    """
+    if len(light) == 0:
+        raise PlenoPIVError(NONE)
+    order = in_order(expected_mm[:, :2])
+    expected_mm, light = expected_mm[order], light[order]
+    prior = Prior(expected_mm, of_points.prior_std_mm)
+    fit = refine(of_points, pixels, expected_mm, light, prior, 0)
+    _, light, there = present(fit, pixels)
+    if there.mean() < FEWEST:
+        raise PlenoPIVError(ELSEWHERE)
+    own = np.flatnonzero(there)
+    lights = fit.carried(own, of_points(np.empty((0, 3))))
+    begin = _Start(expected_mm[own], light[own], prior.of(own), lights, expected_mm, KNOWN_STEPS, KNOWN_PASSES)
+    del fit
+    return _in_passes(of_points, pixels, begin, limits_mm, progress)
+
+
+@dataclass(frozen=True)
+class _Start:
+    """Where passes begin: positions (n, 3) mm, light (n,) counts, the prior, and where light goes, None where it is not
+    kept; ``known`` (m, 3) mm: places of which it is known whether a particle there is two; iterations of the first
+    pass, and passes at most."""
+
+    position_mm: Array
+    light: Array
+    prior: Prior
+    lights: Lights | None
+    known: Array
+    steps: int
+    passes: int
+
+
+def _in_passes(
+    of_points: LightOfPoints, pixels: Pixels, begin: _Start, limits_mm: Limits, progress: Progress | None
+) -> FrameParticles:
+    """Fit, leave out, split and search until hardly anything changes; then the last fit. The first fit is a rough one:
+    nothing is judged by it but where light is left."""
+    position, light, prior, lights, known = begin.position_mm, begin.light, begin.prior, begin.lights, begin.known
+    image, given = None, pixels
     off = np.full(len(light), np.nan)  # misfits, of particles that have been looked at
-    known = np.empty((0, 3))  # of which particles it is known whether they are two
-    for done in range(PASSES):
-        steps = STEPS if done else FIRST_STEPS
+    for done in range(begin.passes):
+        steps = STEPS if done else begin.steps
         fit = refine(of_points, pixels, position, light, prior, steps, ROUGHLY, ROUGHLY_NEAR, lights, image, done)
-        pixels = with_noise(pixels, fit.image)
-        changed = np.flatnonzero(fit.moved | np.isnan(off))
-        covariance, off[changed] = errors_of(fit, pixels.usable, NEIGHBOURS, changed)
-        most, out = BEGUN * float(np.median(off)), np.zeros(len(off), bool)
-        out[changed] = without_evidence(fit, covariance, np.minimum(off[changed], most), which=changed)
-        if out.all():
-            raise PlenoPIVError(NONE)
+        pixels = with_noise(given, fit.image)
+        out, pairs, half = np.zeros(len(light), bool), np.empty(0, np.int64), np.empty((0, 3))
+        if done:
+            changed = np.flatnonzero(fit.moved | np.isnan(off))
+            covariance, off[changed] = errors_of(fit, pixels.usable, NEIGHBOURS, changed)
+            most = BEGUN * float(np.median(off))
+            out[changed] = without_evidence(fit, covariance, np.minimum(off[changed], most), which=changed)
+            if out.all():
+                raise PlenoPIVError(NONE)
+            asked = crowded(fit, off) & ~(out | near_any(fit.position_mm, known, fit.unit_mm))
+            asked[np.setdiff1d(np.arange(len(off)), changed)] = False
+            pairs, half = splits(fit, off, asked)
+            known = np.concatenate([known, fit.position_mm[asked]])
         typical = float(np.median(fit.light[~out]))
-        asked = crowded(fit, off) & fit.moved & ~(out | near_any(fit.position_mm, known, fit.unit_mm))
-        pairs, half = splits(fit, off, asked)
         excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
         places, _ = of_points.places(excess, limits_mm)
         if progress is not None:
-            progress(done + 1, PASSES + 1)
+            progress(done + 1, begin.passes + 1)
         changes, middle = len(places) + len(pairs) + out.sum(), fit.position_mm[pairs]
         out[pairs] = True
         new = np.concatenate([places, middle + half, middle - half])
-        known = np.concatenate([known, fit.position_mm[asked] if done else middle])  # the first fit is a rough one
         of_new = np.concatenate([np.full(len(places), FIRST_LIGHT * typical), np.tile(0.5 * fit.light[pairs], 2)])
         position, light = np.concatenate([fit.position_mm[~out], new]), np.concatenate([fit.light[~out], of_new])
         off = np.concatenate([off[~out], np.full(len(new), np.nan)])
@@ -117,20 +176,10 @@ def particles_of_frame(
         found.add_to(image, of_new)
         lights = fit.carried(np.flatnonzero(~out), found)
         del fit
-        if changes <= FEW * len(light):
+        if done and changes <= FEW * len(light):
             break
     fit = refine(of_points, pixels, position, light, prior, LAST_STEPS, STILL, NEAR, lights, image)
     return judged(fit, pixels)[0]
-
-
-def with_noise(pixels: Pixels, image: Array, sample: int = SAMPLE) -> Pixels:
-    """The pixels with noise as particles of so many counts in the ``image`` leave it, measured on a ``sample``."""
-    return pixels.with_measured_noise(~lit_by(image), image, sample)
-
-
-def lit_by(image: Array) -> NDArray[np.bool_]:
-    """Which pixels any particle lights: sums leave rounding where light was taken away again."""
-    return image > UNLIT
 
 
 def judged(fit: Fit, pixels: Pixels, neighbours: int = MOST_NEIGHBOURS) -> tuple[FrameParticles, NDArray[np.bool_]]:

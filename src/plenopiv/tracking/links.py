@@ -66,9 +66,7 @@ def link(
     if len(first.light) == 0 or len(second.light) == 0:
         nothing = np.empty(0, np.int64)
         return Links(nothing, nothing, np.empty(0), np.asarray(scatter_mm, np.float64))
-    predicted = np.zeros_like(first.position_mm)
-    for _ in range(3):  # the predictor is known at the middle of the way
-        predicted = displacement_mm(first.position_mm + 0.5 * predicted)
+    predicted = predicted_displacements(first.position_mm, displacement_mm)
     scatter, departure = np.asarray(scatter_mm, np.float64), np.zeros_like(predicted)
     local = np.broadcast_to(scatter, predicted.shape)
     ratio = _ratio_of_light(first, second)
@@ -85,6 +83,15 @@ def link(
         scatter = np.sqrt(np.maximum(spread, 0.0) + 1e-12)
         local = _around(first.position_mm, found.a, own**2 - noise, scatter)
     return found
+
+
+def predicted_displacements(position_mm: Array, displacement_mm: Predictor) -> Array:
+    """How far (n, 3) mm particles at ``position_mm`` (n, 3) of the first frame move, of a predictor that is known at
+    the middle of the way."""
+    predicted = np.zeros_like(position_mm)
+    for _ in range(3):
+        predicted = displacement_mm(position_mm + 0.5 * predicted)
+    return predicted
 
 
 def _around(position: Array, linked: Int, beyond: Array, scatter: Array) -> Array:

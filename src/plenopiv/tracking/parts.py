@@ -30,9 +30,9 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class FieldOnGrid:
-    """``velocity`` and ``std`` (3, nz, ny, nx) in m/s, NaN in parts without tracks; ``measured`` (nz, ny, nx): points
-    with a track nearby; ``step_mm`` between nodes; of each part the ``smoothing`` and the ``scale`` of its tracks'
-    standard deviations; ``left_out``: share of the tracks that no part used."""
+    """``velocity`` and ``std`` (3, nz, ny, nx) in m/s, NaN in parts without tracks, or with too few in one corner;
+    ``measured`` (nz, ny, nx): points with a track nearby; ``step_mm`` between nodes; of each part the ``smoothing`` and
+    the ``scale`` of errors in its error bars; ``left_out``: share of the tracks that no part used."""
 
     velocity: Array
     std: Array
@@ -84,7 +84,10 @@ def field_on_grid(
         if own.sum() < LEAST_TRACKS:
             return None
         tracks = position[own], velocity[own], std[own]
-        field = field_from_tracks(*tracks, box, step, divergence_free=divergence_free, seed=number + 1)
+        try:
+            field = field_from_tracks(*tracks, box, step, divergence_free=divergence_free, seed=number + 1)
+        except PlenoPIVError:  # all of them in one corner
+            return None
         own[own] = field.used
         return own, field, _on_grid(field, parts[number], limits_mm, axes_mm, beyond)
 

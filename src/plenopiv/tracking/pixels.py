@@ -16,6 +16,7 @@ LEAST_LIT = 2000  # pixels with light that the shot noise is measured on
 BRIGHT = 3.0  # dark standard deviations above which a pixel is lit; shot noise is measured on the brighter half of them
 MEDIAN = 0.4549  # of chi^2 with one degree of freedom
 SAMPLE = 200_000  # pixels, evenly spaced, that are looked at
+UNLIT = 1e-7  # counts of a pixel that no particle lights
 STEPS = 4  # in which dark noise and shot noise are measured, each with the other known
 
 
@@ -138,6 +139,16 @@ class Pixels:
             level = float(np.median(total[lit]))
             gain = min(max((ratio * (gain * level + noise) - noise) / level, 0.0), known)
         return replace(self, background=background, noise=noise, counts_per_electron=gain)
+
+
+def with_noise(pixels: Pixels, image: Array, sample: int = SAMPLE) -> Pixels:
+    """The pixels with noise as particles of so many counts in the ``image`` leave it, measured on a ``sample``."""
+    return pixels.with_measured_noise(~lit_by(image), image, sample)
+
+
+def lit_by(image: Array) -> NDArray[np.bool_]:
+    """Which pixels any particle lights: sums leave rounding where light was taken away again."""
+    return image > UNLIT
 
 
 def _spread(values: Array) -> float:

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 LENGTH = 0.85  # mean distances between tracks
 NEARBY = 32  # tracks that tell of a point
 AT_A_TIME = 2000  # points
-SURE = 1.25  # standard errors that chance exceeds in one case of ten
+SURE = 1.25  # standard errors that chance exceeds in one case of ten, the larger of two in one of six
 LEAST = 1e-3  # of the variance, that the tracks' errors are taken to have at least
 
 Array = NDArray[np.float64]

@@ -12,22 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.tracking.areas import areas
-from plenopiv.tracking.equations import own_equations
-from plenopiv.tracking.frame import (
-    FIRST_LIGHT,
-    NONE,
-    FrameParticles,
-    Progress,
-    judged,
-    with_noise,
-)
+from plenopiv.tracking.evidence import present
+from plenopiv.tracking.frame import FIRST_LIGHT, NONE, FrameParticles, Progress, judged
 from plenopiv.tracking.light import LightOfPoints
-from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.refine import Fit, Prior, pixel_weights, refine, residual_of
+from plenopiv.tracking.pixels import Pixels, with_noise
+from plenopiv.tracking.refine import Prior, refine, residual_of
 from plenopiv.volume import Limits
 
-PRESENT = 0.4  # of its predicted light that a particle's pixels must hold
 PASSES = 3  # of steps and searches, at most
 MANY = 0.2  # share of particles found in a pass from which on another follows
 ROUGHLY, ROUGHLY_NEAR = 0.1, 0.04  # as in ``frame``; but the last fit too: nothing follows it
@@ -60,10 +51,10 @@ def particles_of_prediction(
     wide = of_points.prior_std_mm
     prior = Prior(position_mm, np.minimum(std_mm, wide))
     fit = refine(of_points, pixels, position_mm, light, prior, 0)
-    pixels, light, present = _present(fit, pixels)
-    if not present.any():
+    pixels, light, there = present(fit, pixels, NOISE_OF)
+    if not there.any():
         raise PlenoPIVError(NONE)
-    origin = np.flatnonzero(present)
+    origin = np.flatnonzero(there)
     lights = fit.carried(origin, of_points(np.empty((0, 3))))
     position, light, prior = position_mm[origin], light[origin], prior.of(origin)
     for done in range(PASSES):
@@ -83,20 +74,3 @@ def particles_of_prediction(
     fit = refine(of_points, pixels, position, light, prior, STEPS, ROUGHLY, ROUGHLY_NEAR, lights)
     found, kept = judged(fit, pixels, NEIGHBOURS)
     return found, origin[kept]
-
-
-def _present(fit: Fit, pixels: Pixels) -> tuple[Pixels, Array, NDArray[np.bool_]]:
-    """The pixels with their noise, the light with the factor of this frame, and which particles are there, of those
-    where a ``fit`` begins."""
-    image, light, ratio = fit.image, fit.light, np.ones(len(fit.light))
-    for turn in range(2):
-        if turn == 0:
-            pixels = with_noise(pixels, image, NOISE_OF)
-        else:
-            brighter = max(float(np.median(ratio)), 0.1)
-            image, light = brighter * image, brighter * light
-        weight, pull = pixel_weights(pixels.usable, *residual_of(image, pixels))
-        for area in areas(fit.position_mm[:, :2]):
-            own, slope = own_equations(fit.lights_of(area), light[area], weight, pull)
-            ratio[area] = 1.0 + slope[:, 3] / np.maximum(own[:, 3, 3], 1e-30)
-    return pixels, light, ratio > PRESENT

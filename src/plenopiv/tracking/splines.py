@@ -11,13 +11,15 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 from scipy.sparse import block_diag, csr_array, eye_array, hstack, kron
 
+from plenopiv.errors import PlenoPIVError
 from plenopiv.kernels import kernel
 
 STIFFNESS = 3e4  # of div u against the smoothing's largest eigenvalue
 RIDGE = 1e-9  # of the data's information, on every coefficient
+UNEVEN = "tracking: tracks in a part of the volume alone make no field of all of it; make the volume smaller"
 
 Array = NDArray[np.float64]
 Nodes = tuple[int, int, int]  # along x, y, z
@@ -40,10 +42,17 @@ class Equations:
         self._band[0] += RIDGE * self.unit
 
     def solution(self, velocity: Array, smoothing: float) -> Array:
-        """Coefficients (k, 3, nodes) of velocities (k, n, 3)."""
+        """Coefficients (k, 3, nodes) of velocities (k, n, 3).
+
+        Raises:
+            PlenoPIVError: where tracks are not, nodes are known less well than rounding tells.
+        """
         form = self._penalty * (smoothing * self.unit)
         form += self._band
-        factor = cholesky_banded(form, overwrite_ab=True, lower=True, check_finite=False)
+        try:
+            factor = cholesky_banded(form, overwrite_ab=True, lower=True, check_finite=False)
+        except LinAlgError as error:
+            raise PlenoPIVError(UNEVEN) from error
         right = np.stack([self._values.T @ (self._weight[:, axis] * velocity[:, :, axis]).T for axis in range(3)], 1)
         found = cho_solve_banded((factor, True), right.reshape(form.shape[1], -1), check_finite=False)
         return np.ascontiguousarray(found.reshape(-1, 3, len(velocity)).T)
