@@ -62,7 +62,7 @@ def test_a_worker_that_does_not_see_the_recording(handle, tmp_path, monkeypatch,
     def gone(self, number, progress):
         raise PlenoPIVError(f"{source.path}: is gone since the run began")
 
-    monkeypatch.setattr(on_worker.JobOnWorker, "frame", gone)
+    monkeypatch.setattr(Job, "frame", gone)
     with pytest.raises(PlenoPIVError, match=words):
         on_worker.frame(replace(handle, digest=hashlib.sha256(content).hexdigest()), 0)
 

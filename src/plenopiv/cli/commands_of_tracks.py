@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from plenopiv.cli.app import ExperimentFile, Overwrite, _finish
 from plenopiv.cli.commands_of_results import app
+from plenopiv.cli.options import Scheduler, SchedulerFile, ThreadsOfEach, WorkerCount
 
 
 @app.command()
-def track(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
+def track(
+    experiment: ExperimentFile,
+    overwrite: Overwrite = False,
+    workers: WorkerCount = None,
+    threads: ThreadsOfEach = None,
+    scheduler: Scheduler = None,
+    scheduler_file: SchedulerFile = None,
+) -> None:
     """Track particles: positions from raw pixels with an error bar each, links between the frames of a pair, a field.
 
     Frames are reconstructed and correlated as by plenopiv run. Particles begin at the peaks of the volume and are
@@ -21,13 +29,15 @@ def track(experiment: ExperimentFile, overwrite: Overwrite = False) -> None:
     tracks.
 
     Finished pairs are kept, whatever ends it: the same command goes on from there. A pair that cannot be tracked is set
-    aside, and the exit code is 3.
+    aside, and the exit code is 3. Pairs may be tracked by several processes, here (--workers) or on a cluster; those of
+    a sequence that is tracked over many frames may not.
 
     \b
     Example:
         plenopiv track run7/experiment.toml
+        plenopiv track run7/experiment.toml --workers 4
         python -c "import xarray; print(xarray.open_dataset('run7/results/tracks.nc'))"
     """
     from plenopiv.cli.track import track
 
-    _finish("track", track(experiment, overwrite))
+    _finish("track", track(experiment, overwrite, (workers, threads, scheduler, scheduler_file)))

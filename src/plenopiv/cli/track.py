@@ -5,23 +5,25 @@ from __future__ import annotations
 from pathlib import Path
 
 from plenopiv.cli.progress import Progress
-from plenopiv.cli.run import LISTED, SET_ASIDE
+from plenopiv.cli.run import LISTED, SET_ASIDE, Where
 from plenopiv.cli.terminal import Outcome
 from plenopiv.errors import printable
 from plenopiv.experiment import Experiment
+from plenopiv.run.workers import Workers
 
 
-def track(file: Path, overwrite: bool) -> Outcome:
-    """Track the particles of an experiment, and say where they are.
+def track(file: Path, overwrite: bool, where: Where = (None, None, None, None)) -> Outcome:
+    """Track the particles of an experiment, and say where they are; ``where``: as for ``run``.
 
     Raises:
         PlenoPIVError: the experiment file or its images are wrong, or there are tracks of other inputs.
     """
     experiment = Experiment.load(file)
+    workers = Workers(*where) if any(each is not None for each in where) else None
     from plenopiv.run.track import track as track_all  # here: a mistake in the file is told before the kernels load
 
     with Progress() as progress:
-        result = track_all(experiment, progress, overwrite)
+        result = track_all(experiment, progress, overwrite, workers)
     summary = result.summary
     counts, pairs, aside = list(summary["particles"].values()), summary["pairs"], summary["set_aside"]
     std = ", ".join(f"{1e3 * each:.2g}" for each in summary["median_std_mm"])

@@ -19,12 +19,14 @@ from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
+from plenopiv.chain import Chain
 from plenopiv.errors import PlenoPIVError
+from plenopiv.recording import Recording
 from plenopiv.run.inputs import computing_versions
 from plenopiv.run.log import Clock
-from plenopiv.run.pair import Job, PairRecord
+from plenopiv.run.pair import PairRecord
 from plenopiv.run.shown import Shown
 from plenopiv.run.workers import Pool
 
@@ -34,13 +36,36 @@ START_S = 600.0  # that workers on this machine may take to start again
 AGAIN = "the next run tries it again"
 
 
+class Job(Protocol):
+    """What a pair is measured by: of ``run``, or of ``track``."""
+
+    @property
+    def chain(self) -> Chain:
+        """Its settings, and the device."""
+
+    @property
+    def recording(self) -> Recording:
+        """Its frames and pairs."""
+
+    @property
+    def folder(self) -> Path:
+        """Where files go."""
+
+    def follows(self, number: int) -> bool:
+        """Whether the second frame of pair ``number`` needs the first."""
+
+    def given_up(self, number: int, reason: str) -> PairRecord:
+        """The record of a pair that is set aside for a ``reason`` that lies not in its frames."""
+
+
 def on_cluster(
-    job: Job, numbers: Sequence[int], pool: Pool, clock: Clock, shown: Shown
+    job: Job, numbers: Sequence[int], pool: Pool, clock: Clock, shown: Shown | None
 ) -> Generator[PairRecord, None, None]:
     """The records of the pairs ``numbers``, as they come, their fields written.
 
     One pair more than there are workers is in work. A pair whose worker dies again and again, or has no memory left, is
-    put off, tried alone when all others are done, and then set aside for the next run.
+    put off, tried alone when all others are done, and then set aside for the next run. ``shown`` takes the
+    first frame.
 
     Raises:
         PlenoPIVError: the scheduler cannot be reached, or is gone; a worker cannot read or write files, or has other
@@ -85,7 +110,7 @@ def on_cluster(
 class _Flight:
     """The pairs in work and their frames, by number."""
 
-    def __init__(self, job: Job, handle: Any, pool: Pool, shown: Shown) -> None:
+    def __init__(self, job: Job, handle: Any, pool: Pool, shown: Shown | None) -> None:
         self.job, self.handle, self.pool, self.shown = job, handle, pool, shown
         self.client = pool.client()
         self.pairs: dict[int, Any] = {}
@@ -98,13 +123,14 @@ class _Flight:
         """Put a pair in work, with those of its frames that are not."""
         from plenopiv.run import on_worker
 
-        frames = []
+        frames = list[Any]()
         for k in self.job.recording.pairs[number]:
             if k not in self._frames:
-                self._frames[k] = self._submit(on_worker.frame, "frame", k, -number, k)
+                first = frames[:1] if self.job.follows(number) else []
+                self._frames[k] = self._submit(on_worker.frame, "frame", k, -number, k, *first)
             frames.append(self._frames[k])
         self.pairs[number] = self._submit(on_worker.pair, "pair", number, -number + 0.5, number, *frames)
-        if self._first is None and self.shown.wants(number):
+        if self._first is None and self.shown is not None and self.shown.wants(number):
             self._first = number, self._submit(on_worker.first_frame, "first", number, -number - 0.5, frames[0])
 
     def _submit(self, function: Any, kind: str, number: int, priority: float, *arguments: Any) -> Any:
@@ -167,7 +193,7 @@ class _Flight:
     def _take_first(self, number: int, future: Any) -> None:
         """Without it the main process makes it itself."""
         with suppress(Exception), self._talking():
-            if (first := future.result(timeout=30)) is not None:
+            if (first := future.result(timeout=30)) is not None and self.shown is not None:
                 self.shown.take(number, first)
         self._first = -1, None
 

@@ -13,8 +13,9 @@ import pickle
 import socket
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import dask
 import numba
@@ -25,11 +26,11 @@ from plenopiv.run.frame import Frame, LostFrame
 from plenopiv.run.inputs import computing_versions
 from plenopiv.run.log import Clock
 from plenopiv.run.memory import peak_so_far
-from plenopiv.run.pair import Job, PairRecord
+from plenopiv.run.pair import PairRecord
 from plenopiv.run.shown import FirstFrame
 
 _ALONE = threading.Lock()
-_JOBS: dict[Handle, JobOnWorker] = {}  # the last one
+_JOBS: dict[Handle, Any] = {}  # the last one
 
 
 @dataclass(frozen=True)
@@ -54,27 +55,16 @@ class Measured:
     peak: float | None
 
 
-@dataclass(frozen=True)
-class JobOnWorker(Job):
-    """A job that writes only while the run goes on that it belongs to: while ``leave`` is there."""
-
-    leave: Path = Path()
-
-    def _path(self, name: str) -> Path:
-        if not self.leave.exists():
-            raise PlenoPIVError(f"{self.leave}: the run that this pair belongs to has ended")
-        return super()._path(name)
-
-
-def frame(handle: Handle, number: int) -> Frame | LostFrame:
-    """Frame ``number``, reconstructed; it stays on the worker until its pairs are measured.
+def frame(handle: Handle, number: int, first: Any = None) -> Any:
+    """Frame ``number``, reconstructed, or tracked; it stays on the worker until its pairs are measured. ``first``: the
+    first frame of its pair, where it needs that.
 
     Raises:
         PlenoPIVError: a file cannot be written, the run has ended, or the worker does not see the recording.
     """
     with _at_work(handle) as job:
         try:
-            return job.frame(number, _silent)
+            return job.frame(number, _silent) if first is None else job.second(number, first, _silent)
         except PlenoPIVError:
             folder = job.recording.frames[number].path.parent
             try:
@@ -84,7 +74,7 @@ def frame(handle: Handle, number: int) -> Frame | LostFrame:
             raise
 
 
-def pair(handle: Handle, number: int, before: Frame | LostFrame, after: Frame | LostFrame) -> Measured:
+def pair(handle: Handle, number: int, before: Any, after: Any) -> Measured:
     """Pair ``number``, its field written.
 
     Raises:
@@ -106,7 +96,7 @@ def forget(handle: Handle) -> None:
 
 
 @contextlib.contextmanager
-def _at_work(handle: Handle) -> Iterator[JobOnWorker]:
+def _at_work(handle: Handle) -> Iterator[Any]:
     """The job, alone in this process, in the main process' folder and with the threads that it may use.
 
     Raises:
@@ -145,7 +135,7 @@ def _in_folder(folder: Path) -> Iterator[None]:
         os.chdir(before)
 
 
-def _job(handle: Handle) -> JobOnWorker:
+def _job(handle: Handle) -> Any:
     if handle not in _JOBS:
         here = _versions_here(handle)
         for name, wanted in handle.versions:
@@ -160,9 +150,9 @@ def _job(handle: Handle) -> JobOnWorker:
             raise _unseen(handle.job, error) from None
         if hashlib.sha256(content).hexdigest() != handle.digest:
             raise PlenoPIVError(f"{handle.job}: is damaged, or another run's")
-        job: Job = pickle.loads(content)
+        job = pickle.loads(content)
         _JOBS.clear()
-        _JOBS[handle] = JobOnWorker(**{each.name: getattr(job, each.name) for each in fields(Job)}, leave=handle.job)
+        _JOBS[handle] = replace(job, while_there=handle.job)
     return _JOBS[handle]
 
 

@@ -78,7 +78,8 @@ class PairRecord:
 @dataclass(frozen=True)
 class Job:
     """What measures every pair of a recording and writes it below ``folder``: with ``volumes`` those of the frames
-    too, with ``gradients`` the derivatives of each field. ``source``: what the fields say that they come from."""
+    too, with ``gradients`` the derivatives of each field. ``source``: what the fields say that they come from.
+    ``while_there``: on a worker, the file without which the run has ended, and nothing is written."""
 
     chain: Chain
     recording: Recording
@@ -87,6 +88,11 @@ class Job:
     source: str
     volumes: bool = False
     gradients: bool = False
+    while_there: Path | None = None
+
+    def follows(self, number: int) -> bool:
+        """Whether a pair's second frame needs its first: none does."""
+        return False
 
     def frame(self, number: int, progress: Progress) -> Frame | LostFrame:
         """Frame ``number`` (from 0), reconstructed, and its volume written where volumes are kept.
@@ -111,8 +117,7 @@ class Job:
 
     def given_up(self, number: int, reason: str) -> PairRecord:
         """The record of a pair that is set aside for a ``reason`` that lies not in its frames."""
-        frames = [self.not_asked(k).entry for k in self.recording.pairs[number]]
-        return PairRecord(number, frames, set_aside=reason, again=True)
+        return given_up(self.recording, number, reason)
 
     def pair(self, number: int, before: Frame | LostFrame, after: Frame | LostFrame, progress: Progress) -> PairRecord:
         """Measure a pair between its frames and write its field.
@@ -202,9 +207,26 @@ class Job:
         return record
 
     def _path(self, name: str) -> Path:
-        path = self.folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path
+        return path_in(self.folder, name, self.while_there)
+
+
+def given_up(recording: Recording, number: int, reason: str) -> PairRecord:
+    """The record of a pair that is set aside for a ``reason`` that lies not in its frames."""
+    frames = [frame_entry(recording.frames[k], None) for k in recording.pairs[number]]
+    return PairRecord(number, frames, set_aside=reason, again=True)
+
+
+def path_in(folder: Path, name: str, while_there: Path | None) -> Path:
+    """The path of a file to be written in a folder of results, whose own folder is made.
+
+    Raises:
+        PlenoPIVError: the file ``while_there`` is gone: the run that this is for has ended.
+    """
+    if while_there is not None and not while_there.exists():
+        raise PlenoPIVError(f"{while_there}: the run that this pair belongs to has ended")
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
 
 
 def volume_file(recording: Recording, number: int) -> str:

@@ -143,7 +143,7 @@ def run(
         if pool is None or pool.workers.count:  # a scheduler's workers are other machines
             planned = as_it_is_now(planned)
         tell_plan(planned, frames, len(left), None if share is None else share.text)
-        wanted_too = {"volumes": experiment.output.volumes, "gradients": experiment.output.gradients}
+        wanted_too: dict[str, Any] = {"volumes": experiment.output.volumes, "gradients": experiment.output.gradients}
         volumes, gradients = frames if experiment.output.volumes else 0, experiment.output.gradients
         ask_for_space(folder, planned, len(left), len(recording.pairs), gradients, volumes)
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import json
 import logging
 import warnings
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,6 +32,7 @@ from plenopiv.io.tracks_file import read_tracks, write_tracks
 from plenopiv.recording import Recording
 from plenopiv.run import space as of_experiment
 from plenopiv.run.calibrated import calibrated_chain
+from plenopiv.run.cluster import on_cluster
 from plenopiv.run.frame import LostFrame, Progress
 from plenopiv.run.inputs import stated_inputs, with_calibration
 from plenopiv.run.judged import warnings_of
@@ -46,6 +47,7 @@ from plenopiv.run.track_pair import TrackJob, tracks_file
 from plenopiv.run.track_sequence import METHOD, SequenceJob, check_sequence
 from plenopiv.run.track_smooth import SmoothSequence, source
 from plenopiv.run.versions import versions
+from plenopiv.run.workers import Pool, Workers, started
 from plenopiv.tracking.covariance import TOGETHER
 from plenopiv.tracking.tracks import joined
 
@@ -71,20 +73,37 @@ class TrackResult:
     summary: dict[str, Any]
 
 
-def track(experiment: Experiment, progress: Progress | None = None, overwrite: bool = False) -> TrackResult:
+def track(
+    experiment: Experiment,
+    progress: Progress | None = None,
+    overwrite: bool = False,
+    workers: Workers | int | None = None,
+) -> TrackResult:
     """Find the particles of all frames, link those of each pair, make the fields of the links, and write tracks.nc and
-    the folder tracking into the output folder.
+    the folder tracking into the output folder. ``workers``: processes of Dask that do it, to the same bits, or how many
+    on this machine; by default this process does.
 
     Raises:
         PlenoPIVError: an input cannot be used; no pair can be tracked; there are tracks of other inputs, or of which
-            nothing says what they are made of, and ``overwrite`` is not given. What was finished before is kept.
+            nothing says what they are made of, and ``overwrite`` is not given; workers for the frames of a sequence,
+            which are tracked one after the other. What was finished before is kept.
     """
     report = progress or (lambda stage, done, total: None)
     path, clock = experiment.output_directory / FILE, Clock()
     table = experiment.tracking or TrackingTable()
     if path.exists() and not overwrite and not (path.parent / FOLDER).exists():
         raise PlenoPIVError(f"{path}: is already there; use --overwrite, or another output.directory")
-    with kept_warnings() as caught, SeriesFolder(path.parent / FOLDER, overwrite) as folder:
+    if workers is not None and table.method == METHOD:
+        raise PlenoPIVError(
+            f'tracking.method: "{METHOD}" takes one frame after the other, each from the ones before: leave out '
+            "--workers and --scheduler"
+        )
+    with (
+        kept_warnings() as caught,
+        SeriesFolder(path.parent / FOLDER, overwrite) as folder,
+        started(workers) as pool,
+        ExitStack() as until_tracked,
+    ):
         for line in experiment.warnings():
             warnings.warn(line, PlenoPIVWarning, stacklevel=2)
         recording = experiment.recording()
@@ -110,14 +129,18 @@ def track(experiment: Experiment, progress: Progress | None = None, overwrite: b
                 write_tracks(path, _tracks(folder, recording, _smooth(folder, recording, table)))
             return TrackResult(path, folder.directory / "velocity.nc", summary)
         tracker = FrameTracker(chain, recording, table.wavelength_nm)
-        _tell_memory(tracker)
+        _tell_memory(tracker, pool)
+        records: Iterator[PairRecord]
         if table.method == METHOD:
             job = SequenceJob(tracker, table, folder, clock, report)
             left, records = job.left, job.records(job.left)
         else:
-            pairs = TrackJob(tracker, table, folder.work, source())
+            pairs = TrackJob(replace(tracker), table, folder.work, source())  # anew: without what it has computed
             left = [number for number in range(count) if number not in folder.finished]
-            records = _in_turn(pairs, left, clock, report)
+            if pool is None:
+                records = _in_turn(pairs, left, clock, report)
+            else:
+                records = until_tracked.enter_context(closing(on_cluster(pairs, left, pool, clock, None)))
         if len(left) > 1:
             report("pairs", 0, len(left))
         try:
@@ -140,20 +163,18 @@ def track(experiment: Experiment, progress: Progress | None = None, overwrite: b
 def _in_turn(job: TrackJob, numbers: Sequence[int], clock: Clock, report: Progress) -> Iterator[PairRecord]:
     """The records of the pairs ``numbers``, their files written. A frame that two pairs share is made once, and by
     itself; the second frame of a pair that shares none begins where the first one's particles have moved to."""
-    pairs, held = job.tracker.recording.pairs, dict[int, TrackedFrame | LostFrame]()
-    shared = Counter(k for pair in pairs for k in pair)
+    pairs, held = job.recording.pairs, dict[int, TrackedFrame | LostFrame]()
     for number in numbers:
         one, other = pairs[number]
-        held, moved = {k: found for k, found in held.items() if k in (one, other)}, None
+        held = {k: found for k, found in held.items() if k in (one, other)}
         with clock("particles"):
-            first = held[one] if one in held else job.frame(one, report)
-            if isinstance(first, TrackedFrame) and shared[one] == shared[other] == 1:
-                second, moved = job.second(other, first, report)
-            else:
-                second = held[other] if other in held else job.frame(other, report)
-        held = {one: first, other: second}
+            if one not in held:
+                held[one] = job.frame(one, report)
+            if other not in held:
+                first = held[one]
+                held[other] = job.second(other, first, report) if job.follows(number) else job.frame(other, report)
         with clock("links and field"):
-            yield job.pair(number, first, second, report, moved)
+            yield job.pair(number, held[one], held[other], report)
 
 
 def _put_together(
@@ -239,15 +260,16 @@ def _tracks(folder: SeriesFolder, recording: Recording, smooth: SmoothSequence |
     return tracks
 
 
-def _tell_memory(tracker: FrameTracker) -> None:
-    """Say what memory a run takes, and what the particles of a frame take besides."""
+def _tell_memory(tracker: FrameTracker, pool: Pool | None) -> None:
+    """Say what memory a run takes, each worker of a ``pool``, and what the particles of a frame take besides."""
     chain = tracker.chain
     low, high = np.transpose(chain.lens_grid.limits_mm())
     points = np.random.default_rng(0).uniform(low, high, (SAMPLE, 3))
     entries = float(tracker.of_points(points).start[-1]) / SAMPLE
     pixels = chain.camera.sensor.rows * chain.camera.sensor.columns
     log.info(
-        "memory: about %.2g GB, and at most %.2g GB for the particles of a frame",
+        "memory: %sabout %.2g GB, and at most %.2g GB for the particles of a frame",
+        "" if pool is None else "each worker ",
         plan(chain).needed.peak / 1e9,
         (pixels * BYTES_A_PIXEL + ABOUT * TOGETHER * entries * BYTES_AN_ENTRY) / 1e9,
     )

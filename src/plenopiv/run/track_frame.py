@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.chain import Chain
+from plenopiv.displacement.field import DisplacementField
 from plenopiv.errors import PlenoPIVError
 from plenopiv.recording import Recording
 from plenopiv.run.frame import Progress
@@ -35,7 +36,8 @@ AROUND = 4  # voxels beyond the volume in which particles are looked for too: th
 @dataclass(frozen=True)
 class TrackedFrame:
     """A frame's number from 0, volume, particles in the frame of the chain's grid, entry in the manifest, standard
-    deviation of a dark pixel in counts, and what was warned of."""
+    deviation of a dark pixel in counts, what was warned of, and the displacement that correlation found between the
+    first frame of its pair and this one, where that was asked for."""
 
     number: int
     volume: SparseVolume
@@ -43,6 +45,7 @@ class TrackedFrame:
     entry: dict[str, Any]
     dark: float
     warned: tuple[str, ...] = ()
+    moved: DisplacementField | None = None
 
 
 @dataclass(frozen=True)

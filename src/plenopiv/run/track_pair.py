@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -11,14 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
+from plenopiv.chain import Chain
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment.tracking_table import TrackingTable
 from plenopiv.io.netcdf import write_velocity
 from plenopiv.io.series_file import pair_file
 from plenopiv.io.tracks_file import write_tracks
+from plenopiv.recording import Recording
 from plenopiv.run.frame import LostFrame, Progress, taken_or_lost
-from plenopiv.run.pair import PairRecord
+from plenopiv.run.pair import PairRecord, given_up, path_in
 from plenopiv.run.track_field import of_links, velocity_of_tracks
 from plenopiv.run.track_frame import FrameTracker, TrackedFrame
 from plenopiv.tracking.expected import expected
@@ -36,12 +38,34 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TrackJob:
-    """What tracks every pair of a recording and writes it below ``folder``."""
+    """What tracks every pair of a recording and writes it below ``folder``. ``while_there``: on a worker, the file
+    without which the run has ended, and nothing is written."""
 
     tracker: FrameTracker
     table: TrackingTable
     folder: Path
     source: str
+    while_there: Path | None = None
+
+    @property
+    def chain(self) -> Chain:
+        """Of the tracker."""
+        return self.tracker.chain
+
+    @property
+    def recording(self) -> Recording:
+        """Of the tracker."""
+        return self.tracker.recording
+
+    def follows(self, number: int) -> bool:
+        """Whether a pair's second frame begins where the particles of its first are expected: where no other pair
+        shares either."""
+        pairs = self.recording.pairs
+        return sum(k in pair for pair in pairs for k in pairs[number]) == 2
+
+    def given_up(self, number: int, reason: str) -> PairRecord:
+        """The record of a pair that is set aside for a ``reason`` that lies not in its frames."""
+        return given_up(self.recording, number, reason)
 
     def frame(self, number: int, report: Progress) -> TrackedFrame | LostFrame:
         """Frame ``number``, from 0.
@@ -49,42 +73,35 @@ class TrackJob:
         Raises:
             PlenoPIVError: its file is gone since the run began: others will be too, and the cause can be removed.
         """
-        return taken_or_lost(self.tracker.recording, number, partial(self.tracker.frame, number, report))
+        return taken_or_lost(self.recording, number, partial(self.tracker.frame, number, report))
 
-    def second(
-        self, number: int, first: TrackedFrame, report: Progress
-    ) -> tuple[TrackedFrame | LostFrame, DisplacementField | None]:
-        """Frame ``number``, whose particles begin where those of the ``first`` frame of its pair are expected; and the
-        displacement that correlation finds for that, if it does.
+    def second(self, number: int, first: TrackedFrame | LostFrame, report: Progress) -> TrackedFrame | LostFrame:
+        """Frame ``number``, whose particles begin where those of the ``first`` frame of its pair are expected.
 
         Raises:
             PlenoPIVError: as ``frame``.
         """
-        chain, moved = self.tracker.chain, list[DisplacementField]()
+        if isinstance(first, LostFrame):
+            return self.frame(number, report)
+        chain, before, moved = self.chain, first, list[DisplacementField]()
 
         def guess(volume: SparseVolume) -> tuple[Array, Array] | None:
             try:
-                moved.append(chain.displacement(first.volume, volume, report))
+                moved.append(chain.displacement(before.volume, volume, report))
             except PlenoPIVError:
                 return None  # ``pair`` says why
             place, light = peaks(volume)
             if chain.space is not None:
                 place = chain.space.to_laboratory(place)
-            return expected(first.particles, place, light, *search(moved[0], chain.grid, self.table))
+            return expected(before.particles, place, light, *search(moved[0], chain.grid, self.table))
 
-        take = partial(self.tracker.frame, number, report, guess)
-        return taken_or_lost(self.tracker.recording, number, take), next(iter(moved), None)
+        found = taken_or_lost(self.recording, number, partial(self.tracker.frame, number, report, guess))
+        return replace(found, moved=moved[0]) if moved and isinstance(found, TrackedFrame) else found
 
     def pair(
-        self,
-        number: int,
-        before: TrackedFrame | LostFrame,
-        after: TrackedFrame | LostFrame,
-        report: Progress,
-        moved: DisplacementField | None = None,
+        self, number: int, before: TrackedFrame | LostFrame, after: TrackedFrame | LostFrame, report: Progress
     ) -> PairRecord:
-        """Link the particles of a pair's frames, make the field of these links, and write both. ``moved``: what
-        correlation finds, where that is known.
+        """Link the particles of a pair's frames, make the field of these links, and write both.
 
         Raises:
             PlenoPIVError: a file cannot be written; there are no links or no field in the only pair.
@@ -99,6 +116,7 @@ class TrackJob:
             return record
         first, second = before.particles, after.particles
         with record.measuring(only):
+            moved = after.moved
             if moved is None:
                 moved = chain.displacement(before.volume, after.volume, report)
             links = linked(first, second, moved, chain.grid, self.table)
@@ -112,10 +130,8 @@ class TrackJob:
         tracks.attrs |= {"dt_s": dt_s, "source": self.source, "frame": chain.frame}
         velocity.attrs["source"] = self.source
         name, field = tracks_file(number), "velocity.nc" if only else pair_file(number)
-        for each in (name, field):
-            (self.folder / each).parent.mkdir(parents=True, exist_ok=True)
-        write_tracks(self.folder / name, tracks)
-        write_velocity(self.folder / field, velocity)
+        write_tracks(path_in(self.folder, name, self.while_there), tracks)
+        write_velocity(path_in(self.folder, field, self.while_there), velocity)
         record.files += [name, field]
         std = np.sqrt(np.median(np.einsum("nii->ni", first.covariance), 0))[:3]
         record.numbers = {
