@@ -39,7 +39,7 @@ DECISIONS = {
     "correlation": 76,
     "tracking": 77,
     "links": 72,
-    "fields": 75,
+    "fields": 78,
     "statistics": 56,
     "device": 60,
 }

@@ -71,3 +71,19 @@ def test_noise_alone_leaves_next_to_nothing(rng):
     found, unknown = Remainder(place, 0.2 * rng.standard_normal((3000, 3)), noise, 0.07).at(place[:500])
     assert np.sqrt((found**2).mean()) < 0.05
     assert unknown.mean() > 0.9
+
+
+def test_a_track_that_is_wrong_beside_its_neighbours_is_not_followed():
+    """One in twenty is twenty standard deviations off, as near focus: nothing is made of it where it is not flow."""
+    rng = np.random.default_rng(8)
+    place = rng.uniform(0, 1, (2000, 3))
+    noise = np.full((2000, 3), 0.01**2)
+    left = 0.01 * rng.standard_normal((2000, 3))
+    wrong = rng.random(2000) < 0.05
+    left[wrong] += 0.2 * rng.choice([-1.0, 1.0], (wrong.sum(), 3))
+    points = rng.uniform(0.1, 0.9, (400, 3))
+    assert np.sqrt(np.mean(Remainder(place, left, noise, 0.08).at(points)[0] ** 2)) < 0.006
+    wave = 0.2 * np.sin(2 * np.pi * place[:, :1] / 0.5)  # but where all depart, they are followed
+    found, _ = Remainder(place, left + wave, noise, 0.08).at(points)
+    off = found - 0.2 * np.sin(2 * np.pi * points[:, :1] / 0.5)
+    assert np.sqrt(np.median(off**2)) < 0.05

@@ -3,8 +3,9 @@
 The remainder is taken as a random field of its own (kriging: Matheron 1963, Economic Geology 58; Rasmussen & Williams
 2006, Gaussian Processes for Machine Learning, eqs. 2.23 to 2.26) with the covariance s^2 (1 + r) exp(-r), r the
 distance in LENGTH mean distances between tracks. Its variance s^2 is that of the remainders nearby beyond the tracks'
-own errors, less what chance makes of it: where noise alone is left next to nothing is added. Each component stands by
-itself, so that what is added is not free of divergence.
+own errors, less what chance makes of it: where noise alone is left next to nothing is added. A track that departs far
+more than its error and its neighbours explain is believed less. Each component stands by itself, so that what is added
+is not free of divergence.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ LENGTH = 0.85  # mean distances between tracks
 NEARBY = 32  # tracks that tell of a point
 AT_A_TIME = 2000  # points
 SURE = 1.25  # standard errors that chance exceeds in one case of ten, the larger of two in one of six
+OUTLYING = 4.0  # standard deviations, or times what is usual nearby, from which on a track's error is taken as larger
+MEDIAN_SQUARE = 0.455  # of a normal deviate
 LEAST = 1e-3  # of the variance, that the tracks' errors are taken to have at least
 
 Array = NDArray[np.float64]
@@ -48,10 +51,22 @@ class Remainder:
     def _tree(self) -> cKDTree:
         return cKDTree(self.position_mm)
 
+    @cached_property
+    def _believed(self) -> Array:
+        """``noise`` (n, 3), more of it where a track departs OUTLYING times as far from the splines as errors explain
+        and others nearby do: near focus a few are a voxel off and do not know it."""
+        if not len(self.left):
+            return self.noise
+        near = self._tree.query(self.position_mm, min(NEARBY, len(self.left)))[1]
+        square = self.left**2 / self.noise
+        usual = np.maximum(np.median(square[near], 1) / MEDIAN_SQUARE, 1.0)
+        return np.asarray(self.noise * np.maximum(square / (OUTLYING**2 * usual), 1.0))
+
     def _at(self, points: Array) -> tuple[Array, Array]:
         far, near = self._tree.query(points, min(NEARBY, len(self.left)))
         values, unknown = np.zeros((len(points), 3)), np.ones((len(points), 3))
-        variance = beyond_errors(self.left[near] ** 2 - self.noise[near], 1.0 / self.noise[near] ** 2)
+        noise = self._believed
+        variance = beyond_errors(self.left[near] ** 2 - noise[near], 1.0 / noise[near] ** 2)
         some = np.flatnonzero((variance > 0.0).any(1))
         place, length = self.position_mm[near[some]], LENGTH * self.spacing_mm
         between = _covariance(np.linalg.norm(place[:, :, None] - place[:, None], axis=-1) / length)
@@ -60,7 +75,7 @@ class Remainder:
             rows = variance[some, axis] > 0.0
             which, form = some[rows], between[rows]
             own = near[which]
-            form[:, diagonal, diagonal] += np.maximum(self.noise[own, axis] / variance[which, axis, None], LEAST)
+            form[:, diagonal, diagonal] += np.maximum(noise[own, axis] / variance[which, axis, None], LEAST)
             weights = np.linalg.solve(form, here[rows][:, :, None])[:, :, 0]
             values[which, axis] = (weights * self.left[own, axis]).sum(1)
             unknown[which, axis] = np.clip(1.0 - (weights * here[rows]).sum(1), 0.0, 1.0)
