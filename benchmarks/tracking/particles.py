@@ -97,13 +97,14 @@ def measure(ppm: float, depth_mm: float, electrons: float, columns: int, blur_um
     bands = {"inside": (0.0, zone), "beyond": (zone, np.inf)}
     if depth_mm > 12.0:
         bands |= {"beyond, to 6 mm": (zone, 6.0), "beyond 6 mm": (6.0, np.inf)}
-    bound = bound_mm(of_points, pixels, truth[0].position_mm, SensorNoise().gain * truth[0].electrons)
+    gain = SensorNoise().gain
+    bounds = [bound_mm(of_points, pixels, each.position_mm, gain * each.electrons) for each in truth]
     out = {"particles": len(truth[0].electrons), "ms_per_particle": 1e3 * np.mean(frames_s) / len(frames[0].light)}
     out["of_second_frame"] = float(frames_s[1] / frames_s[0])
     out["chi2"] = float(np.median(frames[0].misfit))
     for name, band in bands.items():
-        out[name] = _scored(truth[0], frames[0], partners[0], whole[0], bound[0], band)
-        out[f"{name}, second frame"] = _scored(truth[1], frames[1], partners[1], whole[1], bound[1], band)
+        out[name] = _scored(truth[0], frames[0], partners[0], whole[0], bounds[0], band)
+        out[f"{name}, second frame"] = _scored(truth[1], frames[1], partners[1], whole[1], bounds[1], band)
     return out | {"links": _links(links, partners, whole)}
 
 

@@ -8,23 +8,12 @@ import pytest
 import tifffile
 import tomli_w
 import xarray
+from uniform_recording import simulated
 
-from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.cli import main
-from plenopiv.lattice import Lattice
-from plenopiv.sensor import Sensor
-from plenopiv.simulation.flows import flow
-from plenopiv.simulation.simulated_recording import Seeding, simulate_recording
 
 pytest.importorskip("distributed")
 pytestmark = pytest.mark.full  # a recording is simulated, and tracked twice
-
-CAMERA = PlenopticCamera(
-    MainLens(50.0, 25.0, -1.0),
-    Lattice("hexagonal", 0.077, 0.004, (0.011, -0.023)),
-    0.308,
-    Sensor(320, 320, 0.0055, 12, 60),
-)
 
 
 @pytest.fixture(scope="module")
@@ -32,17 +21,7 @@ def pairs(tmp_path_factory):
     """Three pairs, of one recording with more noise: the second frame of the last one shows nothing."""
     folder = tmp_path_factory.mktemp("pairs") / "recording"
     made = folder.with_name("made")
-    simulate_recording(
-        made,
-        CAMERA,
-        flow("uniform", velocity_m_s=(0.11, -0.06, 0.17)),
-        dt_s=5e-4,
-        volume_mm=((-0.6, 0.6), (-0.6, 0.6), (-1.6, 1.6)),
-        windows=((48, 48, 20), (32, 32, 16)),
-        seeding=Seeding(0.4),
-        rays=4000,
-        seed=3,
-    )
+    simulated(made)
     folder.mkdir()
     rng = np.random.default_rng(0)
     for k in range(3):

@@ -40,7 +40,7 @@ def run(
             holds results of other inputs.
     """
     experiment, chosen = of_option(Experiment.load(file), device), None if pairs is None else pairs_of(pairs)
-    workers = Workers(*where) if any(each is not None for each in where) else None
+    workers = workers_of(where)
     from plenopiv.run.series import run as run_series  # here: a mistake in the file is told before the kernels load
 
     with Progress() as progress:
@@ -53,6 +53,15 @@ def run(
         lines = [*_set_aside(aside, min(chosen[1] + 1, count) - chosen[0]), text]
         return Outcome("\n".join(lines), {"finished": done, "pairs": count}, SET_ASIDE if aside else 0)
     return told(result)
+
+
+def workers_of(where: Where) -> Workers | None:
+    """The workers that options name, None where they name none.
+
+    Raises:
+        PlenoPIVError: as ``Workers``.
+    """
+    return Workers(*where) if any(each is not None for each in where) else None
 
 
 def of_option(experiment: Experiment, device: str | None) -> Experiment:

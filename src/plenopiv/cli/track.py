@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from plenopiv.cli.progress import Progress
-from plenopiv.cli.run import LISTED, SET_ASIDE, Where
+from plenopiv.cli.run import LISTED, SET_ASIDE, Where, workers_of
 from plenopiv.cli.terminal import Outcome
 from plenopiv.errors import printable
 from plenopiv.experiment import Experiment
-from plenopiv.run.workers import Workers
 
 
 def track(file: Path, overwrite: bool, where: Where = (None, None, None, None)) -> Outcome:
@@ -19,7 +18,7 @@ def track(file: Path, overwrite: bool, where: Where = (None, None, None, None)) 
         PlenoPIVError: the experiment file or its images are wrong, or there are tracks of other inputs.
     """
     experiment = Experiment.load(file)
-    workers = Workers(*where) if any(each is not None for each in where) else None
+    workers = workers_of(where)
     from plenopiv.run.track import track as track_all  # here: a mistake in the file is told before the kernels load
 
     with Progress() as progress:

@@ -23,7 +23,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.tracking.remainder import Remainder
+from plenopiv.tracking.remainder import MEDIAN_SQUARE, Remainder
 from plenopiv.tracking.splines import Equations, Nodes, values_at
 from plenopiv.tracking.unresolved import Unresolved
 from plenopiv.volume import Limits
@@ -40,7 +40,6 @@ TURNS = 2  # folds that error bars are taken from
 OUTLYING = 4.0  # standard deviations of its error from which on a residual leaves its track out, ...
 OF_UNRESOLVED = 8.0  # ... and of what is not resolved, which has tails, by residuals of ...
 AROUND = 16  # ... the tracks about it
-MEDIAN_SQUARE = 0.455  # of a normal deviate
 CHANCE = 1.5  # times its true value that a variance by the median of AROUND residuals exceeds in one case of five
 
 Array = NDArray[np.float64]
