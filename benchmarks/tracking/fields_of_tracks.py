@@ -6,9 +6,9 @@ Pairs of the camera of benchmarks/accuracy (PMR 14, M = -1, 8 mm deep, 1 particl
 ``plenopiv run``, with sub-windows and without, and by ``plenopiv track``. Both are judged where a whole window (64 x 64
 x 16 voxels) is seen: against the flow at the vector (*point*), and against what a perfect correlation of the window's
 particles would find (``accuracy.truth``, *window*), for which tracks are fitted linearly in the window, as true
-particles are, with the weight of their error bars. Error bars are judged by the window for correlation, by the flow at
-the vector for the field of tracks. Waves: the share of a sine of .7 voxel that is left, of 1, 1.5 and 2 windows'
-length, beyond 1.5 half dead zones. RMS in voxels.
+particles are, with the weight of their error bars; so is the field of tracks, where there are tracks. Error bars are
+judged by the window for correlation, by the flow at the vector for the field of tracks. Waves: the share of a sine of
+.7 voxel that is left, of 1, 1.5 and 2 windows' length, beyond 1.5 half dead zones. RMS in voxels.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ BASE = CONDITIONS["base"]
 WINDOW, RAYS, SEED = (64, 64, 16), 100_000, 7
 AMPLITUDE, DRIFT = 0.7, np.array([2.3, -1.4, 0.37])  # voxels, of waves
 BEYOND_HALF_DEAD_ZONES = 1.5
+FINE_MM = 0.15  # of the field of tracks that is taken at the tracks
 Array = NDArray[np.float64]
 
 
@@ -114,13 +115,17 @@ def measure(flow_name: str, parameters: tuple = ()) -> dict:
         found = track(experiment)
         fields["tracks"] = xarray.load_dataset(found.velocity)
         tracks = xarray.load_dataset(found.path)
+        if not isinstance(velocity, Wave):
+            fine = xarray.load_dataset(track(experiment.changed(grid_mm=FINE_MM), overwrite=True).velocity)
         with np.load(Path(folder) / "truth_particles.npz") as particles:
             truth = particles["a"], particles["b"]
     fields = {name: field.isel(time=0) if "time" in field.dims else field for name, field in fields.items()}
     if isinstance(velocity, Wave):
         return {name: {"response": _response(field, velocity, condition)} for name, field in fields.items()}
     out = {name: _scored(field, truth, velocity, condition) for name, field in fields.items() if name != "tracks"}
-    return out | {"tracks": _scored(fields["tracks"], truth, velocity, condition, tracks)}
+    out["tracks"] = _scored(fields["tracks"], truth, velocity, condition, tracks)
+    averaged = _scored(fields["tracks"], truth, velocity, condition, smooth(tracks, fine.squeeze()))
+    return out | {"field of tracks in the window": {key: averaged[key] for key in ("window", "window_beyond")}}
 
 
 def _scored(
@@ -184,6 +189,15 @@ def linear_fits(tracks: xarray.Dataset, at_mm: Array, half_mm: Array) -> Array:
     return out
 
 
+def smooth(tracks: xarray.Dataset, field: xarray.Dataset) -> xarray.Dataset:
+    """The tracks with the velocities of their ``field`` where they are, all with the same error bars."""
+    place = np.stack([tracks[name].values for name in "xyz"], -1)
+    moving = np.stack([tracks[name].values for name in "uvw"], -1)
+    middle = {name: ("obs", each) for name, each in zip("xyz", (place + 0.5e3 * DT_S * moving).T, strict=True)}
+    known = {name: ("obs", field[name].astype(float).interp(middle).values) for name in "uvw"}
+    return tracks.assign(known | {f"{name}_std": ("obs", np.ones(len(place))) for name in "uvw"})
+
+
 def _response(field: xarray.Dataset, velocity: Wave, condition: Condition) -> float:
     """Measured over true amplitude at vectors a window from the ends of the wave's axis."""
     z, y, x = np.meshgrid(field.z.values, field.y.values, field.x.values, indexing="ij")
@@ -211,10 +225,10 @@ def page(record: dict) -> None:
     ]
     for case, own in record.items():
         for name, one in own.items():
-            if "point" in one:
-                inside = " | ".join(three([100 * v for v in one[f"inside_{k}_std"]], 0) for k in (1, 2))
-                rms = " | ".join(three(one[key]) for key in ("point", "window", "window_beyond"))
-                lines.append(f"| {case} | {name} | {rms} | {inside} |")
+            if "window" in one:
+                inside = (three([100 * v for v in one.get(f"inside_{k}_std", ())], 0) for k in (1, 2))
+                rms = (three(one.get(key, ())) for key in ("point", "window", "window_beyond"))
+                lines.append(f"| {case} | {name} | {' | '.join(rms)} | {' | '.join(inside)} |")
     waves = {case: own for case, own in record.items() if case.startswith("wave")}
     if waves:
         names = next(iter(waves.values()))

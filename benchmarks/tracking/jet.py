@@ -21,10 +21,10 @@ from pathlib import Path
 import numpy as np
 import xarray
 from fields_of_tracks import linear_fits
-from matching import matched
 from numpy.typing import NDArray
 from recorded import run_cases, three, write_table
 from scipy.interpolate import RBFInterpolator
+from tracks_judged import judged
 
 import plenopiv
 from plenopiv.accuracy.truth import true_displacements
@@ -82,7 +82,7 @@ def measure(size: Comparison) -> dict:
     moved["tracks in the window"] = linear_fits(tracks, at, half)
     moved["perfect tracks in the window"] = true_displacements(at, *truth, half).window
     true = {"window_mean": mean, "point": point_displacement(moving, at)}
-    out = {"particles": len(truth[0]), "found": _particles(tracks, truth, PointLights(camera))}
+    out = {"particles": len(truth[0]), "found": judged(tracks, truth, PointLights(camera), voxel, BANDS)}
     for band, (low, high) in BANDS.items():
         here = (np.abs(at[:, 2]) >= low) & (np.abs(at[:, 2]) < high)
         here &= np.isfinite(np.stack(list(moved.values()))).all((0, 2))
@@ -111,37 +111,6 @@ def _displacements(field: xarray.Dataset, at_mm: Array) -> Array:
     """Displacements (n, 3) in mm at places (n, 3) in mm, linear between the field's vectors."""
     places = {name: ("n", at_mm[:, k]) for k, name in enumerate("xyz")}
     return 1e3 * DT_S * np.stack([field[name].astype(float).interp(places).values for name in "uvw"], -1)
-
-
-def _particles(tracks: xarray.Dataset, truth: tuple[Array, Array], of_points: PointLights) -> dict:
-    """Found, ghosts, RMS of places and links, in the bands of depth."""
-    voxel, out = np.array(VOXEL_MM), {}
-    frames = [tracks.isel(obs=np.flatnonzero(tracks.frame.values == number)) for number in (0, 1)]
-    place = [np.stack([each[name].values for name in "xyz"], -1) for each in frames]
-    partner = [matched(true, found, voxel) for true, found in zip(truth, place, strict=True)]
-    whole = [of_points(true).whole() > 0.999 for true in truth]
-    track = [each.track_id.values for each in frames]
-    for band, (low, high) in BANDS.items():
-        deep = np.abs(truth[0][:, 2])
-        judged = whole[0] & (deep >= low) & (deep < high)
-        reported = (np.abs(place[0][:, 2]) >= low) & (np.abs(place[0][:, 2]) < high)
-        ghost = np.ones(len(place[0]), bool)
-        ghost[partner[0][partner[0] >= 0]] = False
-        one = judged & (partner[0] >= 0)
-        off = (place[0][partner[0][one]] - truth[0][one]) / voxel
-        both = one & whole[1] & (partner[1] >= 0)
-        a, b = track[0][partner[0][both]], track[1][partner[1][both]]
-        right, other = (a == b) & (a >= 0), (a != b) & np.isin(a, track[1]) & (a >= 0)
-        out[band] = {
-            "n": int(judged.sum()),
-            "found": round(float(one.sum() / judged.sum()), 4),
-            "ghosts": round(float((ghost & reported).sum() / max(reported.sum(), 1)), 4),
-            "rms": np.sqrt((off**2).mean(0)).round(4).tolist(),
-            "both_found": int(both.sum()),
-            "linked": round(float(right.mean()), 4),
-            "wrong": round(float(other.sum() / max((right | other).sum(), 1)), 4),
-        }
-    return out
 
 
 def page(record: dict) -> None:

@@ -2,7 +2,7 @@
 
     .venv/bin/python benchmarks/tracking/particles.py [case ...]
 
-writes particles.json beside itself and the table of docs/tracking.md.
+writes particles.json beside itself, the table of docs/tracking.md and its figure (``density_figure``).
 
 Each case is a simulated pair of frames of a small camera (PMR 14, M = -1), reconstructed, tracked and linked as
 ``plenopiv track`` does. True particles count where all of their light falls on the sensor. "Beyond" is beyond 1.5 half
@@ -16,6 +16,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import density_figure
 import numpy as np
 from matching import bound_mm, matched
 from recorded import camera_and_volume, run_cases, three, write_table
@@ -152,8 +153,7 @@ def _links(links, partners, whole) -> dict:
 
 
 def page(record: dict) -> None:
-    """Write the table into docs/tracking.md."""
-
+    """Write the tables and the figure of docs/tracking.md."""
     lines = [
         "| case | particles | n | found % | ghosts % | RMS x / y / z | median x / y / z | 99 % x / y / z | "
         "over bound x / y / z | within 1 std % | within 2 std % |",
@@ -181,6 +181,7 @@ def page(record: dict) -> None:
                 f"{own['chi2']:.2f} | {own['ms_per_particle']:.0f} |"
             )
     write_table("particles", lines)
+    density_figure.draw(record)
 
 
 if __name__ == "__main__":
