@@ -20,6 +20,7 @@ import hashlib
 import json
 import subprocess
 import sys
+import time
 import tomllib
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -116,19 +117,21 @@ def make(table: Table) -> None:
     """Run what makes a table, and record it. Raises ``SystemExit`` where a command fails."""
     if not table.commands:
         raise SystemExit(f"{table.name}: is not made here; tables.toml says how")
+    began = time.perf_counter()
     for command in table.commands:
         print(f"{table.name}: {command}", flush=True)
         if code := subprocess.run([sys.executable, *command.split()], cwd=ROOT, check=False).returncode:
             print(f"{table.name}: {command} ended with {code}: not recorded", file=sys.stderr)
             raise SystemExit(code)
-    record(table)
+    record(table, (time.perf_counter() - began) / 60.0)
 
 
-def record(table: Table) -> None:
-    """Write what a table was made with."""
+def record(table: Table, minutes: float) -> None:
+    """Write what a table was made with, and how long it took."""
     made = records()
     made[table.file] = {
         "version": __version__,
+        "minutes": round(minutes, 1),
         "content": table.content(),
         "made_with": table.made_with_today(),
     }
@@ -167,8 +170,9 @@ INTRODUCTION = """\
 
 Every recorded table carries the settings and decisions that made it. Where they are not today's this list says what
 differs, and so does the page. `make fresh` (`python benchmarks/fresh.py --again`) makes stale tables anew, one after
-the other, and goes on where it was stopped; `--pages` writes this page. Pages among the decisions are records of their
-day ([decision 63](decisions/0063-tables-say-what-made-them.md)).
+the other, and goes on where it was stopped; `--pages` writes this page. Minutes are those that it took, often on one
+core beside other work, or where that was not recorded an estimate. Pages among the decisions are records of their day
+([decision 63](decisions/0063-tables-say-what-made-them.md)).
 
 | table | page | of the stages | minutes | made with settings that are |
 |---|---|---|---|---|
@@ -180,7 +184,8 @@ def _list(made: dict[str, Any]) -> str:
     for table in tables():
         where = table.page.removeprefix("docs/")
         cells = [f"`{table.name}`", f"[{where.removesuffix('.md')}]({where})", ", ".join(table.stages)]
-        cells += [str(table.minutes), table.why_stale(made) or "today's"]
+        minutes = made.get(table.file, {}).get("minutes", table.minutes)
+        cells += [f"{max(minutes, 1.0):.0f}", table.why_stale(made) or "today's"]
         rows.append(f"| {' | '.join(cells)} |\n")
     return INTRODUCTION + "".join(rows)
 
