@@ -38,7 +38,7 @@ DECISIONS = {
     "checks": 53,
     "reconstruction": 62,
     "correlation": 76,
-    "tracking": 77,
+    "tracking": 79,
     "links": 72,
     "fields": 78,
     "statistics": 56,

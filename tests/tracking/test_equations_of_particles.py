@@ -12,7 +12,7 @@ from plenopiv.tracking.equations import normal_equations, own_equations
 from plenopiv.tracking.evidence import errors_of
 from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.refine import Prior, fit_light, refine
+from plenopiv.tracking.refine import Effort, Prior, fit_light, refine
 
 PIXELS = CAMERA.sensor.columns * CAMERA.sensor.rows
 
@@ -54,7 +54,7 @@ def test_equations_are_those_of_dense_matrices(scene):
     assert slope / scale.reshape(-1, 4) == pytest.approx(right / scale.reshape(-1, 4), abs=1e-4)
 
 
-def test_a_step_solves_the_dense_equations_of_those_that_move(scene, monkeypatch):
+def test_a_step_solves_the_dense_equations_of_those_that_move(scene):
     lights, light, weight, pull = scene
     which = np.flatnonzero(np.arange(len(light)) % 3 > 0)
     columns = [dense(lights, lights.gradient[:, k]) * UNIT_MM[k] for k in range(3)] + [dense(lights, lights.share)]
@@ -65,12 +65,11 @@ def test_a_step_solves_the_dense_equations_of_those_that_move(scene, monkeypatch
     added[:, :3] += information
     whole = jacobian @ jacobian.T + np.diag(added.ravel())
     right = slope[which]
-    monkeypatch.setattr(steps, "TOLERANCE", 1e-6)
-    step = steps.step_of(lights, light, weight, which, own[which], information, right)
+    step = steps.step_of(lights, light, weight, which, own[which], information, right, 1e-6)
     scale = np.sqrt(np.diag(whole))
     assert step.ravel() * scale == pytest.approx(np.linalg.solve(whole, right.ravel()) * scale, abs=2e-3)
     with one_thread():
-        assert (steps.step_of(lights, light, weight, which, own[which], information, right) == step).all()
+        assert (steps.step_of(lights, light, weight, which, own[which], information, right, 1e-6) == step).all()
 
 
 def test_entries_that_say_little_are_left_out(scene):
@@ -153,13 +152,13 @@ def test_particles_at_rest_stay_and_the_others_come_to_the_same_places():
     of_points, prior = PointLights(CAMERA), Prior(start, prior_std_mm(CAMERA))
     light = GAIN * truth.electrons
     every = refine(of_points, pixels, start, light, prior, 8)
-    rested = refine(of_points, pixels, start, light, prior, 8, 0.03)
+    rested = refine(of_points, pixels, start, light, prior, 8, Effort(0.03))
     variance = np.linalg.inv(every.normal().toarray())
     std = np.sqrt(np.diag(variance)).reshape(-1, 4)[:, :3] * UNIT_MM
     inside = (np.abs(start) < np.array(LIMITS)[:, 1]).all(1) & beyond
     apart = np.abs(rested.position_mm - every.position_mm)[inside] / std[inside]
     assert np.quantile(apart, 0.95) < 0.1
-    again = refine(of_points, pixels, rested.position_mm, rested.light, prior, 1, 1e3)
+    again = refine(of_points, pixels, rested.position_mm, rested.light, prior, 1, Effort(1e3))
     assert (again.position_mm == rested.position_mm).all()
     assert (again.light == rested.light).all()
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from particle_scenes import CAMERA, GAIN, noisy, pixels_of
+from particle_scenes import CAMERA, GAIN, noisy, pixels_of, seeded
 from scipy.sparse import bsr_array
 
 from plenopiv.tracking.covariance import covariance_among
-from plenopiv.tracking.evidence import LEAST, errors_of, lowers, without_evidence
+from plenopiv.tracking.evidence import LEAST, doubtful, errors_of, lowers, without_evidence
 from plenopiv.tracking.light import PointLights, prior_std_mm
 from plenopiv.tracking.refine import Prior, refine
 
@@ -62,3 +62,34 @@ def test_of_a_group_that_is_bright_one_goes_after_the_other():
 def test_all_that_is_told_stays():
     assert left_of(PLACE, [1.0, 1.0], 2) == [0, 1]
     assert LEAST > 18.5  # chi^2 of four degrees of freedom is above that once in a thousand
+
+
+def test_who_lacks_evidence_is_doubtful_and_most_others_are_not():
+    """Particles, as many ghosts of a few counts, and seconds in the places of some."""
+    rng, truth = np.random.default_rng(2), seeded(0.3)
+    place, bright = truth.position_mm, GAIN * truth.electrons
+    pixels = pixels_of(noisy(place, truth.electrons))
+    ghosts = rng.uniform(place.min(0), place.max(0), place.shape)
+    seconds = place[::6] + rng.normal(0.0, (2e-3, 2e-3, 1e-2), place[::6].shape)
+    light = np.concatenate([bright, np.full(len(ghosts), 1e-3 * bright.mean()), 0.5 * bright[::6]])
+    light[: len(bright) : 6] *= 0.5
+    position = np.concatenate([place, ghosts, seconds])
+    fit = refine(OF_POINTS, pixels, position, light, Prior(position, prior_std_mm(CAMERA)), 0)
+    which = np.arange(len(light))[3:]
+    covariance, off = errors_of(fit, pixels.usable, which=which)
+    misfit, doubt = doubtful(fit, pixels.usable, which)
+    np.testing.assert_allclose(misfit, off, rtol=1e-12)
+    weak = lowers(covariance, off) < LEAST
+    assert weak.sum() > len(ghosts)
+    assert doubt[weak].all()
+    alone = np.ones(len(light), bool)
+    alone[len(bright) :], alone[: len(bright) : 6] = False, False
+    assert doubt[alone[3:]].mean() < 0.5
+
+
+def test_a_bright_particle_is_doubtful_for_its_neighbour_alone():
+    position = np.stack([*PLACE, PLACE[0] + (0, 0, 0.3)])
+    pixels = pixels_of(noisy(position, np.full(3, ELECTRONS)))
+    fit = refine(OF_POINTS, pixels, position, np.full(3, GAIN * ELECTRONS), Prior(position, prior_std_mm(CAMERA)), 0)
+    assert doubtful(fit, pixels.usable, np.arange(3))[1].tolist() == [True, False, True]
+    assert doubtful(fit, pixels.usable, np.array([2]))[1].tolist() == [True]

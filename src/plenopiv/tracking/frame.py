@@ -11,23 +11,21 @@ from numpy.typing import NDArray
 from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking.areas import in_order
 from plenopiv.tracking.covariance import NEIGHBOURS as MOST_NEIGHBOURS
-from plenopiv.tracking.evidence import errors_of, present, without_evidence
+from plenopiv.tracking.evidence import doubtful, errors_of, present, without_evidence
 from plenopiv.tracking.light import LightOfPoints, Lights
 from plenopiv.tracking.pixels import Pixels, lit_by, with_noise
-from plenopiv.tracking.refine import Fit, Prior, first_light, refine
+from plenopiv.tracking.refine import Effort, Fit, Prior, first_light, refine
 from plenopiv.tracking.splits import crowded, near_any, splits
 from plenopiv.volume import Limits
 
-PASSES, KNOWN_PASSES = 8, 3  # of fitting and searching, at most; and where the first frame of a pair is known
+PASSES, KNOWN_PASSES = 8, 5  # of fitting and searching, at most; and where the first frame of a pair is known
 FIRST_STEPS, KNOWN_STEPS, STEPS = 4, 1, 3  # Gauss-Newton iterations of the first pass, and of those after it
 NEIGHBOURS = 12  # whose parameters are free where particles are judged on the way
 FEW = 0.01  # share of particles left out and found below which no other pass follows
 FEWEST = 0.5  # of the particles that are expected in a second frame: fewer there, and they were expected elsewhere
 LAST_STEPS = 6
-STILL = 0.03  # standard deviations by which its own pixels must pull a particle for it to move, in the last fit ...
-ROUGHLY = 1.0  # ... and on the way
+LAST, ON_THE_WAY = Effort(0.03, 0.01, 0.01), Effort(1.0, 0.04, 0.03)
 BEGUN = 1.5  # times the median's misfit that counts against a particle on the way, where it has only begun to fit
-NEAR, ROUGHLY_NEAR = 0.01, 0.04  # units within which light follows its derivatives, in the last fit and on the way
 FIRST_LIGHT = 0.5  # of the median particle's, of a particle that is found in what is left
 
 NONE = "tracking: the pixels speak for no particle; check camera, calibration and noise with plenopiv check"
@@ -145,20 +143,21 @@ def _in_passes(
     off = np.full(len(light), np.nan)  # misfits, of particles that have been looked at
     for done in range(begin.passes):
         steps = STEPS if done else begin.steps
-        fit = refine(of_points, pixels, position, light, prior, steps, ROUGHLY, ROUGHLY_NEAR, lights, image, done)
+        fit = refine(of_points, pixels, position, light, prior, steps, ON_THE_WAY, lights, image, done)
         pixels = with_noise(given, fit.image)
         out, pairs, half = np.zeros(len(light), bool), np.empty(0, np.int64), np.empty((0, 3))
         if done:
             changed = np.flatnonzero(fit.moved | np.isnan(off))
-            covariance, off[changed] = errors_of(fit, pixels.usable, NEIGHBOURS, changed)
-            most = BEGUN * float(np.median(off))
-            out[changed] = without_evidence(fit, covariance, np.minimum(off[changed], most), which=changed)
+            off[changed], doubt = doubtful(fit, pixels.usable, changed)
+            most, asked = BEGUN * float(np.median(off)), changed[doubt]
+            covariance, _ = errors_of(fit, pixels.usable, NEIGHBOURS, asked)
+            out[asked] = without_evidence(fit, covariance, np.minimum(off[asked], most), which=asked)
             if out.all():
                 raise PlenoPIVError(NONE)
-            asked = crowded(fit, off) & ~(out | near_any(fit.position_mm, known, fit.unit_mm))
-            asked[np.setdiff1d(np.arange(len(off)), changed)] = False
-            pairs, half = splits(fit, off, asked)
-            known = np.concatenate([known, fit.position_mm[asked]])
+            bright = crowded(fit, off) & ~(out | near_any(fit.position_mm, known, fit.unit_mm))
+            bright[np.setdiff1d(np.arange(len(off)), changed)] = False
+            pairs, half = splits(fit, off, bright)
+            known = np.concatenate([known, fit.position_mm[bright]])
         typical = float(np.median(fit.light[~out]))
         excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
         places, _ = of_points.places(excess, limits_mm)
@@ -178,7 +177,7 @@ def _in_passes(
         del fit
         if done and changes <= FEW * len(light):
             break
-    fit = refine(of_points, pixels, position, light, prior, LAST_STEPS, STILL, NEAR, lights, image)
+    fit = refine(of_points, pixels, position, light, prior, LAST_STEPS, LAST, lights, image)
     return judged(fit, pixels)[0]
 
 

@@ -6,7 +6,7 @@ and light minimise
     chi^2 = sum_p (counts_p - mu_p)^2 / V_p + sum_i |(x_i - prior_i) / prior std|^2 .
 
 Each iteration asks by how much chi^2 falls where a particle moves alone, a sum over its pixels. Those that would gain
-less than STILL^2 rest: their light is known from before. The others move together (``steps``); their exact light and
+little (``Effort``) rest: their light is known from before. The others move together (``steps``); their exact light and
 its derivatives are computed anew. The prior keeps particles in the dead zone, whose depth no pixel tells, where they
 were first seen; it is wide against any other's error.
 
@@ -72,6 +72,20 @@ class Prior:
 
 
 @dataclass(frozen=True)
+class Effort:
+    """How far a fit is taken. ``still``: the root of chi^2 that a particle must gain to move; ``near``: units of
+    ``Lights.unit_mm`` within which light follows its derivatives, without being computed anew; ``tolerance``: share of
+    a step's equations that may be left unsolved, as the next iteration begins where it ends."""
+
+    still: float = 0.0
+    near: float = 0.0
+    tolerance: float = 0.01
+
+
+WHOLE = Effort()
+
+
+@dataclass(frozen=True)
 class Fit:
     """Particles fitted to the pixels: ``position_mm`` (n, 3), ``light`` (n,) counts; ``image``: counts of all of them,
     ``residual``, ``variance`` and ``weight``, one over the standard deviation that it counts with, of each pixel;
@@ -121,27 +135,25 @@ def refine(
     light: Array,
     prior: Prior,
     iterations: int,
-    still: float = 0.0,
-    near: float = 0.0,
+    effort: Effort = WHOLE,
     lights: Lights | None = None,
     image: Array | None = None,
     turn: int = 0,
 ) -> Fit:
     """Fit particles by ``iterations`` of Gauss-Newton, at most, from positions (n, 3) mm and light (n,) counts.
-    ``still``: the root of chi^2 that a particle must gain to move; ``near``: units of ``Lights.unit_mm`` within which
-    light follows its derivatives, without being computed anew; ``lights``: of the positions, and ``image``: counts of
-    all particles in each pixel, where they are known; ``turn``: how areas are cut."""
+    ``lights``: of the positions, and ``image``: counts of all particles in each pixel, where they are known; ``turn``:
+    how areas are cut."""
     position, light = np.array(position_mm, np.float64), np.array(light, np.float64)
     if len(light) <= areas.TOGETHER:
         begin = position, light, prior, iterations, of_points(position) if lights is None else lights
-        position, light, moved, kept = _stepped(of_points, pixels, *begin, lambda lit: np.zeros(len(lit)), still, near)
+        position, light, moved, kept = _stepped(of_points, pixels, *begin, lambda lit: np.zeros(len(lit)), effort)
         image, unit = kept.image(light, len(pixels.counts)), kept.unit_mm
     else:
         kept, unit = None, of_points(position[:1]).unit_mm
         known = image_of(of_points, position, light, len(pixels.counts)) if image is None else image
         image, moved = known.copy(), np.zeros(len(light), bool)
         for number, steps in enumerate(_turns(iterations)):
-            fitted = partial(_of_area, of_points, pixels, position, light, prior, steps, image, still, near)
+            fitted = partial(_of_area, of_points, pixels, position, light, prior, steps, image, effort)
             for group in areas.groups(areas.areas(position[:, :2], turn + number)):
                 made = list(each_in_threads(fitted, group)) if len(group) > 1 else [fitted(group[0], alone=True)]
                 for area, (place, brighter, of_area, changes) in zip(group, made, strict=True):
@@ -162,8 +174,7 @@ def _of_area(
     prior: Prior,
     iterations: int,
     image: Array,
-    still: float,
-    near: float,
+    effort: Effort,
     area: areas.Numbers,
     alone: bool = False,
 ) -> tuple[Array, Array, NDArray[np.bool_], list[tuple[NDArray[np.int64], Array]]]:
@@ -180,7 +191,7 @@ def _of_area(
             return image[which] + np.where(numbers[at] == which, of_own[at], 0.0)
 
         begin = position[area], light[area], prior.of(area), iterations, own
-        place, brighter, moved, own = _stepped(of_points, pixels, *begin, others, still, near)
+        place, brighter, moved, own = _stepped(of_points, pixels, *begin, others, effort)
         return place, brighter, moved, [before, _counts(own, brighter)]
 
 
@@ -212,8 +223,7 @@ def _stepped(
     iterations: int,
     lights: Lights,
     others: Callable[[NDArray[np.int64]], Array],
-    still: float,
-    near: float,
+    effort: Effort,
 ) -> tuple[Array, Array, NDArray[np.bool_], Lights]:
     """Positions, light, which moved, and where light goes after ``iterations`` of all particles together, as
     ``refine``. ``others``: counts of other particles, which stay where they are, in some pixels (k,)."""
@@ -231,18 +241,19 @@ def _stepped(
         for axis in range(3):
             known[:, axis, axis] += of_priors[:, axis]
         gain = np.einsum("ni,ni->n", slope, np.linalg.solve(known, slope[:, :, None])[:, :, 0])
-        which = np.flatnonzero(gain > still**2)
+        which = np.flatnonzero(gain > effort.still**2)
         if len(which) == 0:
             break
         ever[which] = True
-        step = step_of(of_lit, light, weight, which, own[which], of_priors[which], slope[which])
+        own, information, slope = own[which], of_priors[which], slope[which]
+        step = step_of(of_lit, light, weight, which, own, information, slope, effort.tolerance)
         del of_lit
         moved = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
         position[which] += unit * moved
         least = LEAST_LIGHT * float(np.median(light))
         light[which] = np.maximum(light[which] * (1.0 + np.clip(step[:, 3], -0.7, 2.0)), least)
         since[which] += moved
-        far = np.abs(since[which]).max(1) > near
+        far = np.abs(since[which]).max(1) > effort.near
         if not far.all():
             lights = lights.shifted(which[~far], unit * moved[~far])
         if far.any():

@@ -16,12 +16,12 @@ from plenopiv.tracking.evidence import present
 from plenopiv.tracking.frame import FIRST_LIGHT, NONE, FrameParticles, Progress, judged
 from plenopiv.tracking.light import LightOfPoints
 from plenopiv.tracking.pixels import Pixels, with_noise
-from plenopiv.tracking.refine import Prior, refine, residual_of
+from plenopiv.tracking.refine import Effort, Prior, refine, residual_of
 from plenopiv.volume import Limits
 
 PASSES = 3  # of steps and searches, at most
 MANY = 0.2  # share of particles found in a pass from which on another follows
-ROUGHLY, ROUGHLY_NEAR = 0.1, 0.04  # as in ``frame``; but the last fit too: nothing follows it
+EFFORT = Effort(0.1, 0.04)  # of the last fit too: nothing follows it
 STEPS = 2  # Gauss-Newton iterations of the last fit
 POOR = 0.45  # share of the mean needed that the first rays of a place must show: new particles are not faint
 NOISE_OF = 40_000  # pixels that noise is measured on
@@ -58,7 +58,7 @@ def particles_of_prediction(
     lights = fit.carried(origin, of_points(np.empty((0, 3))))
     position, light, prior = position_mm[origin], light[origin], prior.of(origin)
     for done in range(PASSES):
-        fit = refine(of_points, pixels, position, light, prior, 1, ROUGHLY, ROUGHLY_NEAR, lights)
+        fit = refine(of_points, pixels, position, light, prior, 1, EFFORT, lights)
         pixels = with_noise(pixels, fit.image, NOISE_OF)
         residual, variance = residual_of(fit.image, pixels)
         excess = np.where(pixels.usable, residual / np.sqrt(variance), np.nan)
@@ -71,6 +71,6 @@ def particles_of_prediction(
         origin = np.concatenate([origin, np.full(len(new), -1)])
         if len(new) <= MANY * len(light):
             break
-    fit = refine(of_points, pixels, position, light, prior, STEPS, ROUGHLY, ROUGHLY_NEAR, lights)
+    fit = refine(of_points, pixels, position, light, prior, STEPS, EFFORT, lights)
     found, kept = judged(fit, pixels, NEIGHBOURS)
     return found, origin[kept]
