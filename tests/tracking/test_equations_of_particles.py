@@ -54,7 +54,7 @@ def test_equations_are_those_of_dense_matrices(scene):
     assert slope / scale.reshape(-1, 4) == pytest.approx(right / scale.reshape(-1, 4), abs=1e-4)
 
 
-def test_a_step_solves_the_dense_equations_of_those_that_move(scene):
+def test_a_step_solves_the_dense_equations_of_those_that_move(scene, monkeypatch):
     lights, light, weight, pull = scene
     which = np.flatnonzero(np.arange(len(light)) % 3 > 0)
     columns = [dense(lights, lights.gradient[:, k]) * UNIT_MM[k] for k in range(3)] + [dense(lights, lights.share)]
@@ -65,11 +65,12 @@ def test_a_step_solves_the_dense_equations_of_those_that_move(scene):
     added[:, :3] += information
     whole = jacobian @ jacobian.T + np.diag(added.ravel())
     right = slope[which]
-    step = steps.step_of(lights, light, weight, which, own[which], information, right, 1e-6)
+    monkeypatch.setattr(steps, "TOLERANCE", 1e-6)
+    step = steps.step_of(lights, light, weight, which, own[which], information, right)
     scale = np.sqrt(np.diag(whole))
     assert step.ravel() * scale == pytest.approx(np.linalg.solve(whole, right.ravel()) * scale, abs=2e-3)
     with one_thread():
-        assert (steps.step_of(lights, light, weight, which, own[which], information, right, 1e-6) == step).all()
+        assert (steps.step_of(lights, light, weight, which, own[which], information, right) == step).all()
 
 
 def test_entries_that_say_little_are_left_out(scene):

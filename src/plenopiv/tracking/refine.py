@@ -74,12 +74,10 @@ class Prior:
 @dataclass(frozen=True)
 class Effort:
     """How far a fit is taken. ``still``: the root of chi^2 that a particle must gain to move; ``near``: units of
-    ``Lights.unit_mm`` within which light follows its derivatives, without being computed anew; ``tolerance``: share of
-    a step's equations that may be left unsolved, as the next iteration begins where it ends."""
+    ``Lights.unit_mm`` within which light follows its derivatives, without being computed anew."""
 
     still: float = 0.0
     near: float = 0.0
-    tolerance: float = 0.01
 
 
 WHOLE = Effort()
@@ -245,8 +243,7 @@ def _stepped(
         if len(which) == 0:
             break
         ever[which] = True
-        own, information, slope = own[which], of_priors[which], slope[which]
-        step = step_of(of_lit, light, weight, which, own, information, slope, effort.tolerance)
+        step = step_of(of_lit, light, weight, which, own[which], of_priors[which], slope[which])
         del of_lit
         moved = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
         position[which] += unit * moved

@@ -21,7 +21,7 @@ from plenopiv.tracking import normal_kernels
 from plenopiv.tracking.equations import entries
 from plenopiv.tracking.light import Lights
 
-PRODUCTS = 80  # of conjugate gradients, at most
+TOLERANCE, PRODUCTS = 0.01, 80  # of conjugate gradients
 DAMPING = 1e-3  # of each particle's own information (Levenberg-Marquardt)
 LEAST_KNOWN = 1e-12  # information added to a particle's, of whose light no pixel is used
 PARTS = 4  # of the particles, each summed by itself: bits do not depend on the number of threads
@@ -31,18 +31,11 @@ Single = NDArray[np.float32]
 
 
 def step_of(
-    lights: Lights,
-    light: Array,
-    weight: Single,
-    which: NDArray[np.int64],
-    own: Array,
-    information: Array,
-    slope: Array,
-    tolerance: float = 0.01,
+    lights: Lights, light: Array, weight: Single, which: NDArray[np.int64], own: Array, information: Array, slope: Array
 ) -> Array:
     """The step (k, 4) of the particles ``which`` (k,) of all (n,), which others of them do not make. ``own`` (k, 4, 4):
     each one's own block; ``information`` (k, 3): the prior's; ``slope`` (k, 4): the right side; ``weight``: of each
-    pixel; ``tolerance``: share of the right side that may be left."""
+    pixel."""
     k, diagonal = len(which), np.einsum("nii->ni", own).copy()
     extra = DAMPING * diagonal + LEAST_KNOWN
     extra[:, :3] += information
@@ -65,5 +58,5 @@ def step_of(
 
     shape = (4 * k, 4 * k)
     equations, alone = LinearOperator(shape, times, dtype=np.float64), LinearOperator(shape, precondition)
-    step, _ = cg(equations, slope.ravel(), rtol=tolerance, maxiter=PRODUCTS, M=alone)
+    step, _ = cg(equations, slope.ravel(), rtol=TOLERANCE, maxiter=PRODUCTS, M=alone)
     return np.asarray(step, np.float64).reshape(k, 4)
