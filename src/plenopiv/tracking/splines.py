@@ -11,11 +11,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
-from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+from scipy.linalg import LinAlgError
 from scipy.sparse import block_diag, csr_array, eye_array, hstack, kron
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.kernels import kernel
+from plenopiv.tracking import banded
 
 STIFFNESS = 3e4  # of div u against the smoothing's largest eigenvalue
 RIDGE = 1e-9  # of the data's information, on every coefficient
@@ -50,11 +51,11 @@ class Equations:
         form = self._penalty * (smoothing * self.unit)
         form += self._band
         try:
-            factor = cholesky_banded(form, overwrite_ab=True, lower=True, check_finite=False)
+            factor = banded.factor(form)
         except LinAlgError as error:
             raise PlenoPIVError(UNEVEN) from error
         right = np.stack([self._values.T @ (self._weight[:, axis] * velocity[:, :, axis]).T for axis in range(3)], 1)
-        found = cho_solve_banded((factor, True), right.reshape(form.shape[1], -1), check_finite=False)
+        found = banded.solution(factor, right.reshape(form.shape[1], -1))
         return np.ascontiguousarray(found.reshape(-1, 3, len(velocity)).T)
 
 
