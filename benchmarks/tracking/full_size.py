@@ -42,13 +42,13 @@ from plenopiv.run.track import track
 from plenopiv.simulation import simulated_recording
 from plenopiv.simulation.particles import Particles
 from plenopiv.tracking.light import PointLights
+from plenopiv.tracking.refine import image_of
 
 sys.path.append(str(Path(__file__).parents[1] / "accuracy"))
 from conditions import CONDITIONS, DT_S
 
 RECORD = Path(__file__).with_name("full_size.json")
 KEPT = Path(__file__).parents[2] / "build" / "full_size"
-AT_ONCE = 2000  # particles whose light is drawn at once
 PARTS = {"a sixteenth": 4, "a quarter": 2, "full": 1}  # of the sensor; the divisor along x and y
 CASES = {f"{part}, {n} thread{'s' * (n > 1)}": {"part": part, "threads": n} for part in PARTS for n in (2, 1)}
 STAGES = {  # what the stages of a run are done by
@@ -91,11 +91,9 @@ def _simulated(folder: Path, divisor: int) -> None:
 
 def _exact(camera: PlenopticCamera, particles: Particles, **of_rays: Any) -> NDArray[np.float64]:
     """An image (rows, columns) in electrons of the light of ``particles``, without rays."""
-    of_points, image = PointLights(camera), np.zeros(camera.sensor.rows * camera.sensor.columns)
-    for first in range(0, len(particles.electrons), AT_ONCE):
-        some = slice(first, first + AT_ONCE)
-        of_points(particles.position_mm[some]).add_to(image, particles.electrons[some])
-    return image.reshape(camera.sensor.rows, camera.sensor.columns)
+    shape = camera.sensor.rows, camera.sensor.columns
+    light = image_of(PointLights(camera), particles.position_mm, particles.electrons, shape[0] * shape[1])
+    return light.reshape(shape)
 
 
 def _tracked(folder: Path) -> dict[str, Any]:

@@ -18,10 +18,10 @@ from plenopiv.threads import in_threads
 from plenopiv.tracking.areas import areas
 from plenopiv.tracking.covariance import NEIGHBOURS, covariance_among, with_those_about
 from plenopiv.tracking.equations import own_equations
+from plenopiv.tracking.light import Lights
 from plenopiv.tracking.normal_kernels import mean_misfit
 from plenopiv.tracking.pixels import SAMPLE, Pixels, with_noise
-from plenopiv.tracking.refine import Fit, pixel_weights, residual_of
-from plenopiv.tracking.steps import LEAST_KNOWN
+from plenopiv.tracking.refine import Fit, pixel_weights, residual_of, with_priors
 
 LEAST = 35.0  # by which a particle lowers chi^2
 PRESENT = 0.4  # of its expected light that a particle's pixels must hold
@@ -40,30 +40,39 @@ def errors_of(
     light in them, about 1 where the model holds. The parameters of ``neighbours`` among them that share most
     information with a particle are free as well; all others are taken as known."""
     which = np.arange(len(fit.light)) if which is None else which
-    chi2 = np.where(usable, fit.residual**2 / fit.variance, np.nan)
+    chi2 = _of_pixels(fit, usable)
     covariance, off = np.empty((len(which), 4, 4)), np.empty(len(which))
     for area, near, own, lights in with_those_about(fit, which):
-        of_near = np.empty(len(near))
-        in_threads(mean_misfit, len(near), lights.start, lights.pixel, lights.share, chi2, of_near)
         covariance[area] = covariance_among(fit.normal(near, lights), own, neighbours)
-        off[area] = of_near[own]
+        off[area] = _misfits(lights, chi2)[own]
     return covariance, off
+
+
+def _of_pixels(fit: Fit, usable: NDArray[np.bool_]) -> Array:
+    """Chi^2 of each pixel, NaN where it cannot be used."""
+    return np.where(usable, fit.residual**2 / fit.variance, np.nan)
+
+
+def _misfits(lights: Lights, chi2: Array) -> Array:
+    """Of particles whose light goes where ``lights`` say, the mean (n,) of their pixels' ``chi2``."""
+    off = np.empty(len(lights.start) - 1)
+    in_threads(mean_misfit, len(off), lights.start, lights.pixel, lights.share, chi2, off)
+    return off
 
 
 def doubtful(fit: Fit, usable: NDArray[np.bool_], which: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
     """Of the particles ``which`` (m,), ascending, of a fit: their misfit (m,), as ``errors_of``, and for which there
     may be no evidence: those that lower chi^2 by less than BEYOND_DOUBT, all others known, or are within APART units of
-    another. Of 28,000 others one lacked it."""
-    chi2, none = np.where(usable, fit.residual**2 / fit.variance, np.nan), np.zeros_like(fit.weight)
+    another. Of 15,000 that no other was so near to, none lacked it that lowers chi^2 by 900 or more."""
+    chi2, none = _of_pixels(fit, usable), np.zeros_like(fit.weight)
     off, alone = np.empty(len(which)), np.empty(len(which))
     for area in areas(fit.position_mm[which, :2]):
         some = which[area]
-        lights, of_area = fit.lights_of(some), np.empty(len(some))
-        in_threads(mean_misfit, len(some), lights.start, lights.pixel, lights.share, chi2, of_area)
+        lights = fit.lights_of(some)
+        off[area] = _misfits(lights, chi2)
         own, _ = own_equations(lights, fit.light[some], fit.weight, none)
-        own += LEAST_KNOWN * np.eye(4)
-        own[:, range(3), range(3)] += fit.prior.of(some).information(fit.unit_mm)
-        off[area], alone[area] = of_area, lowers(np.asarray(np.linalg.inv(own), np.float64), of_area)
+        known = with_priors(own, fit.prior.of(some).information(fit.unit_mm))
+        alone[area] = lowers(np.asarray(np.linalg.inv(known), np.float64), off[area])
     place = fit.position_mm / fit.unit_mm
     apart, _ = cKDTree(place).query(place[which], 2)
     return off, (alone < BEYOND_DOUBT) | (apart[:, 1] < APART)

@@ -24,7 +24,7 @@ NEIGHBOURS = 12  # whose parameters are free where particles are judged on the w
 FEW = 0.01  # share of particles left out and found below which no other pass follows
 FEWEST = 0.5  # of the particles that are expected in a second frame: fewer there, and they were expected elsewhere
 LAST_STEPS = 6
-LAST, ON_THE_WAY = Effort(0.03, 0.01), Effort(1.0, 0.04)
+LAST, ON_THE_WAY = Effort(0.03, 0.01), Effort(1.0, 0.04)  # of the last fit, and of those before it
 BEGUN = 1.5  # times the median's misfit that counts against a particle on the way, where it has only begun to fit
 FIRST_LIGHT = 0.5  # of the median particle's, of a particle that is found in what is left
 

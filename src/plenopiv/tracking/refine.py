@@ -235,9 +235,7 @@ def _stepped(
         weight, pull = pixel_weights(seen.usable, *residual_of(of_lit.image(light, len(seen.counts)), seen))
         own, slope = own_equations(of_lit, light, weight, pull)
         slope[:, :3] += of_priors * (prior.position_mm - position) / unit
-        known = own + LEAST_KNOWN * np.eye(4)
-        for axis in range(3):
-            known[:, axis, axis] += of_priors[:, axis]
+        known = with_priors(own, of_priors)
         gain = np.einsum("ni,ni->n", slope, np.linalg.solve(known, slope[:, :, None])[:, :, 0])
         which = np.flatnonzero(gain > effort.still**2)
         if len(which) == 0:
@@ -259,6 +257,14 @@ def _stepped(
             lights = lights.of(rests)  # the rest is let go before it is made anew
             lights = lights.with_others(np.arange(len(rests)), of_points(position[anew]), anew)
     return position, light, ever, lights
+
+
+def with_priors(own: Array, information: Array) -> Array:
+    """What is known of particles by themselves: their ``own`` blocks (n, 4, 4) with the priors' ``information`` (n, 3)
+    on their places, and a little on all, as pixels may say nothing."""
+    known = own + LEAST_KNOWN * np.eye(4)
+    known[:, range(3), range(3)] += information
+    return known
 
 
 def _of(lights: Lights, which: NDArray[np.int64]) -> Lights:
