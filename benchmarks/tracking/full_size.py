@@ -98,10 +98,10 @@ def _exact(camera: PlenopticCamera, particles: Particles, **of_rays: Any) -> NDA
 
 def _tracked(folder: Path) -> dict[str, Any]:
     """Track one recording: time by stage, memory, and what was found."""
-    passed, processor = dict.fromkeys(STAGES, 0.0), dict.fromkeys(STAGES, 0.0)
+    passed, processor, peaks = dict.fromkeys(STAGES, 0.0), dict.fromkeys(STAGES, 0.0), dict.fromkeys(STAGES, 0.0)
     for stage, places in STAGES.items():
         for owner, name in places:
-            setattr(owner, name, _timed(getattr(owner, name), stage, passed, processor))
+            setattr(owner, name, _timed(getattr(owner, name), stage, passed, processor, peaks))
     with tempfile.TemporaryDirectory(dir=folder) as out, warnings.catch_warnings():
         warnings.simplefilter("ignore", PlenoPIVWarning)
         experiment = Experiment.load(folder / "experiment.toml").changed(directory=out)
@@ -115,13 +115,16 @@ def _tracked(folder: Path) -> dict[str, Any]:
         "passed_s": {stage: round(s, 1) for stage, s in (passed | {"all": all_passed}).items()},
         "processor_s": {stage: round(s, 1) for stage, s in (processor | {"all": all_worked}).items()},
         "peak_gb": None if peak is None else round(peak / 1e9, 2),
+        "peak_gb_by_then": {stage: round(most / 1e9, 2) for stage, most in peaks.items()},
         "sha256": _digest(tracks, field),
         "judged": _judged(folder, experiment, tracks),
     }
 
 
-def _timed(work: Callable, stage: str, passed: dict[str, float], processor: dict[str, float]) -> Callable:
-    """``work`` with its seconds added to those of its stage."""
+def _timed(
+    work: Callable, stage: str, passed: dict[str, float], processor: dict[str, float], peaks: dict[str, float]
+) -> Callable:
+    """``work`` with its seconds added to those of its stage, and the process' largest memory after it."""
 
     def run(*args: Any, **named: Any) -> Any:
         began, worked = time.perf_counter(), time.process_time()
@@ -130,6 +133,7 @@ def _timed(work: Callable, stage: str, passed: dict[str, float], processor: dict
         finally:
             passed[stage] += time.perf_counter() - began
             processor[stage] += time.process_time() - worked
+            peaks[stage] = peak_so_far() or 0.0
 
     return run
 

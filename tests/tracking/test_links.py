@@ -1,11 +1,14 @@
 """Links of two frames, from particles whose places are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from plenopiv.simulation.flows import flow
+from plenopiv.tracking import links as linking
 from plenopiv.tracking.frame import FrameParticles
-from plenopiv.tracking.links import link
+from plenopiv.tracking.links import GATE, link
 
 DT_S = 5e-4
 STD_MM = np.array([0.0004, 0.0004, 0.002])
@@ -48,6 +51,24 @@ def test_links_are_right_and_complete(frames):
     assert right.sum() > 0.97 * 1440
     assert len(np.unique(links.a)) == len(np.unique(links.b)) == len(links.a)
     assert (links.scatter_mm < SCATTER_MM).all()
+
+
+def test_candidates_are_all_within_the_gate_and_held_some_at_a_time(frames, monkeypatch):
+    *_, first, second = frames
+    covariance = second.covariance.copy()
+    covariance[::40, 2, 2] = 0.5**2  # near focus pixels tell no depth
+    second = replace(second, covariance=covariance)
+    expected, scatter = predictor(first.position_mm), np.broadcast_to(SCATTER_MM, first.position_mm.shape)
+    found = linking._within(first, second, expected, scatter)
+    off = second.position_mm[None] - (first.position_mm + expected)[:, None]
+    first_var, second_var = (np.einsum("nii->ni", each.covariance)[:, :3] for each in (first, second))
+    every = (off**2 <= GATE * (SCATTER_MM**2 + first_var[:, None] + second_var[None])).all(2)
+    assert set(zip(*(each.tolist() for each in found), strict=True)) == set(map(tuple, np.argwhere(every).tolist()))
+    monkeypatch.setattr(linking, "AT_A_TIME", 7)
+    assert all(
+        (one == other).all()
+        for one, other in zip(found, linking._within(first, second, expected, scatter), strict=True)
+    )
 
 
 def test_no_particle_moves_farther_than_stated(frames):

@@ -13,8 +13,9 @@ would have cost little more, or where it departs from its neighbours.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,7 @@ LOCAL, LOCAL_STD = (
     1.28,
 )  # so many of a particle's neighbours depart less, a normal distribution's standard deviations
 COVERED, COVERED_STD = 0.95, 1.96  # the scatter is that of a normal distribution with the same 95 %
+AT_A_TIME = 1000  # particles whose candidates are held
 LIGHT_STD = 0.1  # of ln light between frames beyond the covariances: light sheets are not quite even
 
 Array = NDArray[np.float64]
@@ -175,22 +177,32 @@ def _within(first: FrameParticles, second: FrameParticles, expected: Array, scat
         if not len(a) or not len(b):
             continue
         if by_a:
-            m, n = _near(place[a], variance_a[a] + variance_b[b].max(0), other[b])
+            near = _near(place[a], variance_a[a] + variance_b[b].max(0), other[b])
+            pairs = ((a[m], b[n]) for m, n in near)
         else:
-            n, m = _near(other[b], variance_b[b] + variance_a[a].max(0), place[a])
-        found.append((a[m], b[n]))
+            near = _near(other[b], variance_b[b] + variance_a[a].max(0), place[a])
+            pairs = ((a[m], b[n]) for n, m in near)
+        for m, n in pairs:
+            close = ((other[n] - place[m]) ** 2 <= GATE * (variance_a[m] + variance_b[n])).all(1)
+            found.append((m[close], n[close]))
     a, b = (np.concatenate(each) for each in zip(*found, strict=True))
-    close = ((other[b] - place[a]) ** 2 <= GATE * (variance_a[a] + variance_b[b])).all(1)
-    return a[close], b[close]
+    return a, b
 
 
-def _near(place: Array, variance: Array, other: Array) -> tuple[Int, Int]:
-    """Which of ``place`` (n, 3) have which of ``other`` (m, 3) within the gate of their ``variance`` (n, 3)."""
+def _near(place: Array, variance: Array, other: Array) -> Iterator[tuple[Int, Int]]:
+    """Which of ``place`` (n, 3) may have which of ``other`` (m, 3) within the gate of their ``variance`` (n, 3), some
+    places at a time: where one knows next to nothing of a depth there are thousands."""
     reach = np.sqrt(GATE * variance)
     unit = np.median(reach, 0)
-    near = cKDTree(other / unit).query_ball_point(place / unit, (reach / unit).max(1), p=np.inf)
-    a = np.repeat(np.arange(len(place)), [len(each) for each in near])
-    return a, np.array([k for each in near for k in each], np.int64)
+    tree, radius = cKDTree(other / unit), (reach / unit).max(1)
+    for low in range(0, len(place), AT_A_TIME):
+        some = slice(low, low + AT_A_TIME)
+        near = tree.query_ball_point(place[some] / unit, radius[some], p=np.inf)
+        counts = [len(each) for each in near]
+        yield (
+            np.repeat(low + np.arange(len(counts)), counts),
+            np.fromiter(chain.from_iterable(near), np.int64, sum(counts)),
+        )
 
 
 def _clear(a: Int, b: Int, cost: Array, chosen: NDArray[np.bool_], n: int, m: int) -> NDArray[np.bool_]:
