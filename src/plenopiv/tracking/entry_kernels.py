@@ -16,8 +16,8 @@ def sum_light(
 ) -> None:  # fmt: skip
     """Add the light of points to an image."""
     for n in range(light.size):
-        for e in range(start[n], start[n + 1]):
-            out[pixel[e]] += light[n] * share[e]
+        for e in range(np.uint64(start[n]), np.uint64(start[n + 1])):
+            out[np.uint32(pixel[e])] += light[n] * share[e]
 
 
 @kernel
@@ -29,7 +29,7 @@ def shift_shares(
     """Add to the shares of the points ``which`` what their derivatives say of a small step."""
     for k in range(which.size):
         dx, dy, dz = by_mm[k, 0], by_mm[k, 1], by_mm[k, 2]
-        for e in range(start[which[k]], start[which[k] + 1]):
+        for e in range(np.uint64(start[which[k]]), np.uint64(start[which[k] + 1])):
             share[e] += np.float32(dx * gradient[e, 0] + dy * gradient[e, 1] + dz * gradient[e, 2])
 
 
@@ -50,14 +50,14 @@ def take_entries(
         k = source[n]
         if k < first:
             at = start_a[k]
-            for e in range(start[n], start[n + 1]):
+            for e in range(np.uint64(start[n]), np.uint64(start[n + 1])):
                 pixel[e], share[e] = pixel_a[at], share_a[at]
                 for q in range(3):
                     gradient[e, q] = gradient_a[at, q]
                 at += 1
         else:
             at = start_b[k - first]
-            for e in range(start[n], start[n + 1]):
+            for e in range(np.uint64(start[n]), np.uint64(start[n + 1])):
                 pixel[e], share[e] = pixel_b[at], share_b[at]
                 for q in range(3):
                     gradient[e, q] = gradient_b[at, q]

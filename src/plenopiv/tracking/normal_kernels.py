@@ -2,6 +2,8 @@
 
 Particle i and particle j are coupled by the block  sum_p J_ip^T J_jp  over the pixels that both light, J the whitened
 derivatives of a pixel's light by the four unknowns of a particle.
+
+Entries are counted without a sign: an index that may count from the end keeps Numba's loops from being vectorised.
 """
 
 from __future__ import annotations
@@ -28,8 +30,8 @@ def own_equations(
     for i in range(begin, end):
         total = np.zeros(14)
         e0, ux, uy, uz = light[i], light[i] * unit[0], light[i] * unit[1], light[i] * unit[2]
-        for e in range(start[i], start[i + 1]):
-            w, r = np.float64(weight[pixel[e]]), np.float64(pull[pixel[e]])
+        for e in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            w, r = np.float64(weight[np.uint32(pixel[e])]), np.float64(pull[np.uint32(pixel[e])])
             a, b, c, d = w * ux * gradient[e, 0], w * uy * gradient[e, 1], w * uz * gradient[e, 2], w * e0 * share[e]
             total[0] += a * a
             total[1] += a * b
@@ -67,8 +69,10 @@ def light_changes(
     for p in range(begin, end):
         for k in range(bounds[p], bounds[p + 1]):
             dx, dy, dz, de = step[k, 0], step[k, 1], step[k, 2], step[k, 3]
-            for e in range(start[which[k]], start[which[k] + 1]):
-                out[p, pixel[e]] += dx * gradient[e, 0] + dy * gradient[e, 1] + dz * gradient[e, 2] + de * share[e]
+            for e in range(np.uint64(start[which[k]]), np.uint64(start[which[k] + 1])):
+                out[p, np.uint32(pixel[e])] += (
+                    dx * gradient[e, 0] + dy * gradient[e, 1] + dz * gradient[e, 2] + de * share[e]
+                )
 
 
 @kernel
@@ -97,8 +101,8 @@ def sums_of_changes(
     """The derivatives of the particles ``which[begin:end]`` times changes of pixels."""
     for k in range(begin, end):
         sx, sy, sz, se = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
-        for e in range(start[which[k]], start[which[k] + 1]):
-            c = changed[pixel[e]]
+        for e in range(np.uint64(start[which[k]]), np.uint64(start[which[k] + 1])):
+            c = changed[np.uint32(pixel[e])]
             sx += gradient[e, 0] * c
             sy += gradient[e, 1] * c
             sz += gradient[e, 2] * c
@@ -118,8 +122,8 @@ def telling_entries(
     deviations, each as a share of the particle's."""
     for i in range(begin, end):
         own_x, own_y, own_z, own_e = 0.0, 0.0, 0.0, 0.0
-        for e in range(start[i], start[i + 1]):
-            square = np.float64(weight[pixel[e]]) ** 2
+        for e in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            square = np.float64(weight[np.uint32(pixel[e])]) ** 2
             own_x += square * gradient[e, 0] ** 2
             own_y += square * gradient[e, 1] ** 2
             own_z += square * gradient[e, 2] ** 2
@@ -127,8 +131,8 @@ def telling_entries(
         least = 4.0 * telling / max(start[i + 1] - start[i], 1)
         of_x, of_y, of_z, of_e = 1.0 / own_x, 1.0 / own_y, 1.0 / own_z, 1.0 / own_e
         kept = 0
-        for e in range(start[i], start[i + 1]):
-            square = np.float64(weight[pixel[e]]) ** 2
+        for e in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            square = np.float64(weight[np.uint32(pixel[e])]) ** 2
             said = square * (
                 of_x * gradient[e, 0] ** 2 + of_y * gradient[e, 1] ** 2 + of_z * gradient[e, 2] ** 2
                 + of_e * share[e] ** 2
@@ -143,7 +147,7 @@ def pick(begin: int, end: int, start: Int, told: NDArray[np.bool_], kept_start: 
     """The numbers of the entries that are kept of the particles ``begin`` to ``end``."""
     for i in range(begin, end):
         to = kept_start[i]
-        for e in range(start[i], start[i + 1]):
+        for e in range(np.uint64(start[i]), np.uint64(start[i + 1])):
             if told[e]:
                 entry[to] = np.int32(e)
                 to += 1
@@ -202,8 +206,8 @@ def mean_misfit(
     """Mean of chi^2 of the pixels of the particles ``begin`` to ``end``, weighed with their light."""
     for i in range(begin, end):
         total, weight = 0.0, 0.0
-        for e in range(start[i], start[i + 1]):
-            value = chi2[pixel[e]]
+        for e in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            value = chi2[np.uint32(pixel[e])]
             if value == value:
                 total += share[e] * value
                 weight += share[e]
@@ -221,12 +225,12 @@ def light_equations(
     their squares, and the right side."""
     for i in range(begin, end):
         total, right = 0.0, 0.0
-        for e in range(start[i], start[i + 1]):
-            w = weight[pixel[e]]
+        for e in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            w = weight[np.uint32(pixel[e])]
             value = np.float32(share[e] * sqrt(w))
             whitened[e] = value
             total += np.float64(value) * value
-            right += share[e] * w * residual[pixel[e]]
+            right += share[e] * w * residual[np.uint32(pixel[e])]
         own[i], slope[i] = total, right
 
 
