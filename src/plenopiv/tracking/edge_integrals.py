@@ -58,7 +58,7 @@ def at_node(
     by_k, by_x, by_y, by_z = np.float32(of_share), np.float32(gx), np.float32(gy), np.float32(gz)
     for c in range(columns):
         at = min(max(along - np.float32(PER_PX * c), np.float32(0.0)), np.float32(last))
-        i = int(at)
+        i = np.uint32(at)
         rest = at - np.float32(i)
         k = table[i, 0] + rest * table[i, 2]
         column[4 * c] = by_k * (table[i, 1] + rest * table[i, 3])
@@ -67,10 +67,11 @@ def at_node(
         column[4 * c + 3] = by_z * k
     for r in range(max(ceil(y - tail_px), 0), min(floor(y + tail_px) + 1, rows)):
         at = min(max(np.float32((y - r + tail_px) * PER_PX), np.float32(0.0)), np.float32(last))
-        i = int(at)
+        i = np.uint32(at)
         ky = table[i, 0] + (at - np.float32(i)) * table[i, 2]
+        row = np.uint64(r)
         for q in range(4 * columns):
-            patch[r, q] += ky * column[q]
+            patch[row, q] += ky * column[q]
 
 
 @part

@@ -160,13 +160,15 @@ def _light_of_point(
                     for r in range(window[1], window[3]):
                         in_row = (r - middle_row + half) * (2 * half + 1) - middle_column + half
                         for c in range(window[0], window[2]):
-                            f, fx, fy, fq = expanded(whole.values, n + (in_row + c) * VALUES, off_x, off_y, off_size)
+                            m = np.uint64(n + (in_row + c) * VALUES)
+                            f, fx, fy, fq = expanded(whole.values, m, off_x, off_y, off_size)
                             if here * f > least:
-                                pixel[at] = r * cam.columns + c
-                                share[at] = here * f
-                                gradient[at, 0] = to_x * fx
-                                gradient[at, 1] = -to_x * fy
-                                gradient[at, 2] = z_x * fx + z_y * fy + z_size * fq + z_share * f
+                                to = np.uint64(at)
+                                pixel[to] = r * cam.columns + c
+                                share[to] = here * f
+                                gradient[to, 0] = to_x * fx
+                                gradient[to, 1] = -to_x * fy
+                                gradient[to, 2] = z_x * fx + z_y * fy + z_size * fq + z_share * f
                                 at += 1
                     continue
             for k in range(cam.corners):

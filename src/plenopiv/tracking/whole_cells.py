@@ -152,12 +152,12 @@ def place_of(cells: WholeCells, k: int, x: float, y: float) -> tuple[int, float,
 
 @part
 def expanded(
-    values: NDArray[np.float32], at: int, dx: np.float32, dy: np.float32, dq: np.float32
+    values: NDArray[np.float32], at: np.uint64, dx: np.float32, dy: np.float32, dq: np.float32
 ) -> tuple[np.float32, np.float32, np.float32, np.float32]:
     """F / q^2 and its derivatives by x, y and q of the pixel whose values begin at ``at``."""
-    f, fx, fy, fq = values[at], values[at + 1], values[at + 2], values[at + 3]
-    gx = fx + dx * values[at + 4] + dy * values[at + 5] + dq * values[at + 7]
-    gy = fy + dx * values[at + 5] + dy * values[at + 6] + dq * values[at + 8]
-    gq = fq + dx * values[at + 7] + dy * values[at + 8] + dq * values[at + 9]
+    f, fx, fy, fq = values[at], values[at + np.uint64(1)], values[at + np.uint64(2)], values[at + np.uint64(3)]
+    gx = fx + dx * values[at + np.uint64(4)] + dy * values[at + np.uint64(5)] + dq * values[at + np.uint64(7)]
+    gy = fy + dx * values[at + np.uint64(5)] + dy * values[at + np.uint64(6)] + dq * values[at + np.uint64(8)]
+    gq = fq + dx * values[at + np.uint64(7)] + dy * values[at + np.uint64(8)] + dq * values[at + np.uint64(9)]
     half = np.float32(0.5)
     return f + half * (dx * (fx + gx) + dy * (fy + gy) + dq * (fq + gq)), gx, gy, gq
