@@ -26,7 +26,7 @@ from plenopiv.kernels import kernel, part
 from plenopiv.tracking.bent_cells import MOST, bend, bends, inverse_of, left_of
 from plenopiv.tracking.cut_discs import ARCS, about, boundary
 from plenopiv.tracking.edge_integrals import at_node, node_of, nodes_of
-from plenopiv.tracking.whole_cells import VALUES, WholeCells, expanded, number_of, place_of
+from plenopiv.tracking.whole_cells import WholeCells, expanded, number_of, place_of
 
 LEAST = 1e-4  # of the light of a pixel that is wholly lit, or of a cell: pixels with less of it are left out
 SMALLEST_SPREAD = 1e-7  # stands for A in focus, where cells are larger than the aperture
@@ -160,8 +160,7 @@ def _light_of_point(
                     for r in range(window[1], window[3]):
                         in_row = (r - middle_row + half) * (2 * half + 1) - middle_column + half
                         for c in range(window[0], window[2]):
-                            m = np.uint64(n + (in_row + c) * VALUES)
-                            f, fx, fy, fq = expanded(whole.values, m, off_x, off_y, off_size)
+                            f, fx, fy, fq = expanded(whole.values, np.uint64(n + in_row + c), off_x, off_y, off_size)
                             if here * f > least:
                                 to = np.uint64(at)
                                 pixel[to] = r * cam.columns + c

@@ -178,11 +178,10 @@ def _within(first: FrameParticles, second: FrameParticles, expected: Array, scat
             continue
         if by_a:
             near = _near(place[a], variance_a[a] + variance_b[b].max(0), other[b])
-            pairs = ((a[m], b[n]) for m, n in near)
         else:
-            near = _near(other[b], variance_b[b] + variance_a[a].max(0), place[a])
-            pairs = ((a[m], b[n]) for n, m in near)
-        for m, n in pairs:
+            near = ((m, n) for n, m in _near(other[b], variance_b[b] + variance_a[a].max(0), place[a]))
+        for of_m, of_n in near:
+            m, n = a[of_m], b[of_n]
             close = ((other[n] - place[m]) ** 2 <= GATE * (variance_a[m] + variance_b[n])).all(1)
             found.append((m[close], n[close]))
     a, b = (np.concatenate(each) for each in zip(*found, strict=True))

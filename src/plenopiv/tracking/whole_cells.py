@@ -31,9 +31,9 @@ Array = NDArray[np.float64]
 
 
 class WholeCells(NamedTuple):
-    """``values``: for size k from ``first[k]`` on, (steps, steps, pixels, VALUES), places row by row along y, then a
-    square patch of 2 ``half[k]`` + 1 pixels about the pixel that holds the middle. Size k is (k + 1) ``size_step``; no
-    sizes: there is no table. ``far``: pitches from a cell's middle to its farthest corner."""
+    """``values``: rows of VALUES; of size k from row ``first[k]`` on (steps, steps, pixels) of them, places row by row
+    along y, then a square patch of 2 ``half[k]`` + 1 pixels about the pixel that holds the middle. Size k is (k + 1)
+    ``size_step``; no sizes: there is no table. ``far``: pitches from a cell's middle to its farthest corner."""
 
     steps: int  # in a pixel
     size_step: float
@@ -55,8 +55,8 @@ class CellTables:
         count = int(largest_px / size_step)
         most = np.abs(corner).max() * (np.arange(count) + 1.5) * size_step
         half = np.ceil(most + EDGE * blur_px).astype(np.int64)
-        first = np.concatenate([[0], np.cumsum(steps**2 * VALUES * (2 * half + 1) ** 2)]).astype(np.int64)
-        values = np.empty(first[-1], np.float32)  # takes memory where it is filled
+        first = np.concatenate([[0], np.cumsum(steps**2 * (2 * half + 1) ** 2)]).astype(np.int64)
+        values = np.empty((first[-1], VALUES), np.float32)  # takes memory where it is filled
         self.cells = WholeCells(steps, size_step, float(np.hypot(*corner.T).max()), half, first, values)
         self._made = np.zeros(count, bool)
 
@@ -67,7 +67,7 @@ class CellTables:
         number = np.floor(around / cells.size_step + 0.5) - 1
         for k in np.unique(number[(number >= 0) & (number < len(cells.half))]).astype(np.int64).tolist():
             if not self._made[k]:
-                cells.values[cells.first[k] : cells.first[k + 1]] = self._of_size(k).ravel()
+                cells.values[cells.first[k] : cells.first[k + 1]] = self._of_size(k).reshape(-1, VALUES)
                 self._made[k] = True
 
     def _of_size(self, k: int) -> NDArray[np.float32]:
@@ -146,7 +146,7 @@ def place_of(cells: WholeCells, k: int, x: float, y: float) -> tuple[int, float,
     i = min(max(int((x + 0.5) * cells.steps), 0), cells.steps - 1)
     j = min(max(int((y + 0.5) * cells.steps), 0), cells.steps - 1)
     side = 2 * cells.half[k] + 1
-    first = cells.first[k] + (j * cells.steps + i) * side * side * VALUES
+    first = cells.first[k] + (j * cells.steps + i) * side * side
     return first, x + 0.5 - (i + 0.5) / cells.steps, y + 0.5 - (j + 0.5) / cells.steps
 
 
@@ -154,10 +154,10 @@ def place_of(cells: WholeCells, k: int, x: float, y: float) -> tuple[int, float,
 def expanded(
     values: NDArray[np.float32], at: np.uint64, dx: np.float32, dy: np.float32, dq: np.float32
 ) -> tuple[np.float32, np.float32, np.float32, np.float32]:
-    """F / q^2 and its derivatives by x, y and q of the pixel whose values begin at ``at``."""
-    f, fx, fy, fq = values[at], values[at + np.uint64(1)], values[at + np.uint64(2)], values[at + np.uint64(3)]
-    gx = fx + dx * values[at + np.uint64(4)] + dy * values[at + np.uint64(5)] + dq * values[at + np.uint64(7)]
-    gy = fy + dx * values[at + np.uint64(5)] + dy * values[at + np.uint64(6)] + dq * values[at + np.uint64(8)]
-    gq = fq + dx * values[at + np.uint64(7)] + dy * values[at + np.uint64(8)] + dq * values[at + np.uint64(9)]
+    """F / q^2 and its derivatives by x, y and q of the pixel whose values are the row ``at``."""
+    f, fx, fy, fq = values[at, 0], values[at, 1], values[at, 2], values[at, 3]
+    gx = fx + dx * values[at, 4] + dy * values[at, 5] + dq * values[at, 7]
+    gy = fy + dx * values[at, 5] + dy * values[at, 6] + dq * values[at, 8]
+    gq = fq + dx * values[at, 7] + dy * values[at, 8] + dq * values[at, 9]
     half = np.float32(0.5)
     return f + half * (dx * (fx + gx) + dy * (fy + gy) + dq * (fq + gq)), gx, gy, gq
