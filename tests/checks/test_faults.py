@@ -10,7 +10,7 @@ from recordings import camera, edited, looked_at, record, white_of, wrong
 from plenopiv.checks.findings import Finding
 from plenopiv.checks.fit import TURNS, finding, fit
 from plenopiv.checks.stamps import in_order, stamp
-from plenopiv.checks.static import common_light, of_files, pulses
+from plenopiv.checks.static import common_light, glow, of_files, pulses
 from plenopiv.checks.white import white_image
 from plenopiv.checks.whole_recording import _worst
 from plenopiv.recording.sources import only_source
@@ -297,6 +297,38 @@ def test_particles_so_dense_that_every_pixel_is_lit_are_not_static_light():
     assert common_light(dense, sensor) is None
     glow = 250.0 * np.exp(-(np.hypot(rows - 140, columns - 150) ** 2) / 2 / 80.0**2)
     assert common_light([np.rint(frame + micro * glow).astype(np.uint16) for frame in dense], sensor) is not None
+
+
+def glowing_pair(peak, share_lit, at=(168, 392)):
+    """Two frames of particles of 200 counts, ``share_lit`` of the pixels, in micro-images, with a glow of ``peak``
+    counts around (row, column), and the white image."""
+    rng, (rows, columns) = np.random.default_rng(3), np.mgrid[:560, :672]
+    micro = np.hypot(rows % 14 - 7, columns % 14 - 7) < 6.0
+    light = peak * np.exp(-(np.hypot(rows - at[0], columns - at[1]) ** 2) / 2 / 100.0**2)
+    frames = []
+    for _ in range(2):
+        lit = np.where(rng.random(rows.shape) < share_lit, rng.uniform(20.0, 400.0, rows.shape), 0.0)
+        frames.append(np.rint(60 + micro * (lit + light) + rng.normal(0, 1.5, rows.shape)).astype(np.uint16))
+    return *frames, np.rint(60 + 3000 * micro).astype(np.uint16)
+
+
+@pytest.mark.parametrize("share_lit", [0.1, 0.5])
+def test_a_glow_in_both_frames_is_static_light(share_lit):
+    sensor = Sensor(672, 560, 0.0055, 12, 60)
+    assert glow(*glowing_pair(0.0, share_lit), sensor, 14.0, 200.0) is None
+    assert glow(*glowing_pair(15.0, share_lit), sensor, 14.0, 200.0) is None  # less than costs accuracy
+    found = glow(*glowing_pair(120.0, share_lit), sensor, 14.0, 200.0)
+    assert (found.name, found.severity) == ("static-light", "warning")
+    assert 50.0 < found.number < 120.0  # what the block's corners have more than most blocks
+    assert "(column, row) = (392, 168)" in found.words
+    assert glow(*glowing_pair(120.0, share_lit)[:2], None, sensor, 14.0, 200.0) is None  # gaps of micro-images are dark
+
+
+def test_particles_so_dense_that_they_leave_no_pixel_dark_are_no_glow():
+    rng, (rows, columns) = np.random.default_rng(4), np.mgrid[:560, :672]
+    volume = (abs(rows - 280) < 120) & (abs(columns - 336) < 120)
+    frames = [np.rint(60 + volume * rng.gamma(3.0, 80.0, rows.shape)).astype(np.uint16) for _ in range(2)]
+    assert glow(*frames, None, Sensor(672, 560, 0.0055, 12, 60), 14.0, 200.0) is None
 
 
 @pytest.mark.parametrize(

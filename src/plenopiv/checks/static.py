@@ -16,6 +16,11 @@ FEWEST_PAIRS = 4  # whose common light is static: particles of fewer may overlap
 SPOT, USUAL = 3.0, 99.0  # times a particle in focus, and the brightest hundredth of what both frames share
 SAME = 0.5  # of what one half shares that the other half shares where it is static; particles leave .4 at most
 LEAST_COUNTS = 5.0
+BLOCK_PITCHES = 8  # side of a block whose darkest pixels are looked at ...
+DARKEST = 2.0  # ... per cent: particles leave these dark, the more of them the less light a frame has
+GLOW = 0.1  # of a particle in focus, by which a block's may be lighter than most
+DENSE = 0.6  # of what a quarter of its pixels stay below, that they hold at least: light of dense particles varies more
+LIT = 0.5  # of the white image's bright pixels, that a pixel of a micro-image has
 DIM = 25.0  # per cent: pixels without light of their own
 
 
@@ -84,6 +89,43 @@ def spot(a: NDArray, b: NDArray, sensor: Sensor, pitch_px: float, particle: floa
         top,
         "counts",
         "mask it (recording.mask), or name images of the light without particles in recording.background",
+    )
+
+
+def glow(
+    a: NDArray, b: NDArray, white: NDArray | None, sensor: Sensor, pitch_px: float, particle: float
+) -> Finding | None:
+    """A finding where both frames of one pair (counts) are lighter in one part of the sensor than in most, also in
+    pixels that particles leave dark. ``white``: counts of the white image, None without one: between micro-images
+    there is no light; ``particle``: counts of one in focus."""
+    side = round(BLOCK_PITCHES * pitch_px)
+    rows, columns = (length // side for length in a.shape)
+    both, level = np.minimum(a, b), np.full((2, rows, columns), np.nan)
+    seen = None
+    if white is not None:
+        bright = np.percentile(white[::4, ::4], USUAL) - sensor.black_level
+        seen = white >= sensor.black_level + LIT * bright
+    for j, i in np.ndindex(rows, columns):
+        block = slice(j * side, (j + 1) * side), slice(i * side, (i + 1) * side)
+        own = both[block] if seen is None else both[block][seen[block]]
+        if own.size >= 0.1 * side**2:
+            level[:, j, i] = np.percentile(own, (DARKEST, DIM))
+    if particle <= 0 or np.isnan(level).all():
+        return None
+    darkest, dim = level - np.nanmedian(level[0])
+    j, i = (int(k) for k in np.unravel_index(np.nanargmax(darkest), darkest.shape))
+    more = float(darkest[j, i])
+    if more < max(GLOW * particle, LEAST_COUNTS, DENSE * float(dim[j, i])):
+        return None
+    row, column = (int((k + 0.5) * side) for k in (j, i))
+    return Finding(
+        "static-light",
+        "warning",
+        f"static light: around (column, row) = ({column}, {row}) no pixel of either frame is darker than {more:.0f} "
+        f"counts above what most of the sensor has, where a particle in focus gives {particle:.0f}: a glow?",
+        more,
+        "counts",
+        "keep stray light off the camera, or name images of it without particles in recording.background",
     )
 
 

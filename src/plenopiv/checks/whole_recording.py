@@ -328,7 +328,8 @@ def _light_and_motion(
     out += [one for one in often if one is not None][:1]
     out.append(static.pulses(*(max(lit.mean - lit.background, 0.0) for lit in lights[:2])))
     if not recording.background_of_frames:
-        bright = static.spot(clean[0], clean[1], recording.sensor, camera.image_pitch_px, lights[0].particle)
+        a, b, of_particles = clean[0], clean[1], (recording.sensor, camera.image_pitch_px, lights[0].particle)
+        bright = static.spot(a, b, *of_particles) or static.glow(a, b, seen.white, *of_particles)
         out += [] if bright is None else [bright]
     report("light", 1, 2)
     (lo, hi), last = grid.limits_mm()[2], correlation.windows[-1]
