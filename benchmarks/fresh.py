@@ -38,9 +38,9 @@ DECISIONS = {
     "checks": 53,
     "reconstruction": 62,
     "correlation": 76,
-    "tracking": 79,
+    "tracking": 80,
     "links": 72,
-    "fields": 78,
+    "fields": 81,
     "statistics": 56,
     "device": 60,
 }

@@ -1,5 +1,7 @@
 """Particles of one frame: alone, among others, and those that are not there."""
 
+from itertools import combinations
+
 import numba
 import numpy as np
 import pytest
@@ -87,7 +89,8 @@ def test_bits_do_not_depend_on_the_number_of_threads(monkeypatch, of_points, tog
     truth = seeded(0.15)
     monkeypatch.setattr(areas, "TOGETHER", together)
     cut = areas.areas(truth.position_mm[:, :2])
-    assert (max(map(len, areas.groups(cut))) > 1) == (together == 2)
+    groups = areas.groups(truth.position_mm[:, :2], cut, areas.ABOUT * UNIT_MM[:2])
+    assert (max(map(len, groups)) > 1) == (together == 2)
     pixels, start = pixels_of(noisy(truth.position_mm, truth.electrons)), truth.position_mm + 0.2 * VOXEL_MM
     threads, found = numba.get_num_threads(), []
     try:
@@ -124,16 +127,27 @@ def test_areas_hold_each_point_once_and_are_cut_elsewhere_in_turn(monkeypatch):
         assert np.mean([np.prod(np.ptp(place[area], axis=0)) for area in cut]) < 3.0 / len(cut)  # they do not overlap
         first, second = (areas.areas(place, turn + k)[0] for k in (0, 1))
         assert set(first) != set(second)
-    group = areas.groups(cut)
-    assert np.sort(np.concatenate([area for some in group for area in some])).tolist() == list(range(500))
-    assert {len(some) for some in group} <= {len(cut) // 4, len(cut) % (len(cut) // 4)}
-    assert [len(some) for some in areas.groups(cut[:3])] == [1, 1, 1]
     reach = np.array([0.3, 0.1])
     near = areas.about(place, cut[0], reach)
     low, high = place[cut[0]].min(0), place[cut[0]].max(0)
     for n, (x, y) in enumerate(place):
         within = low[0] - 0.3 <= x <= high[0] + 0.3 and low[1] - 0.1 <= y <= high[1] + 0.1
         assert (n in near) == within
+
+
+@pytest.mark.parametrize("turn", [0, 1])
+def test_areas_fitted_at_once_do_not_touch(monkeypatch, turn):
+    monkeypatch.setattr(areas, "TOGETHER", 30)
+    place, apart = np.random.default_rng(2).uniform(0.0, (3.0, 1.0), (1000, 2)), np.array([0.1, 0.1])
+    cut = areas.areas(place, turn)
+    groups = areas.groups(place, cut, apart)
+    assert np.sort(np.concatenate([area for group in groups for area in group])).tolist() == list(range(1000))
+    assert 2 < max(len(group) for group in groups) <= areas.AT_ONCE
+    for group in groups:
+        for one, other in combinations(group, 2):
+            gap = np.abs(place[one][:, None] - place[other]).max(2)  # of any two of their points, along either axis
+            assert gap.min() >= 0.1
+    assert [len(group) for group in areas.groups(place, cut, np.array([9.0, 9.0]))] == [1] * len(cut)
 
 
 def test_particles_in_areas_are_those_of_all_at_once(monkeypatch, of_points):

@@ -42,7 +42,7 @@ from plenopiv.run.plan import plan
 from plenopiv.run.series import keep_unchanged
 from plenopiv.run.stored import times_of
 from plenopiv.run.target import target_calibration
-from plenopiv.run.track_frame import FrameTracker, TrackedFrame
+from plenopiv.run.track_frame import FrameTracker, TrackedFrame, own_tracks
 from plenopiv.run.track_pair import TrackJob, tracks_file
 from plenopiv.run.track_sequence import METHOD, SequenceJob, check_sequence
 from plenopiv.run.track_smooth import SmoothSequence, source
@@ -50,6 +50,7 @@ from plenopiv.run.versions import versions
 from plenopiv.run.workers import Pool, Workers, started
 from plenopiv.tracking.covariance import TOGETHER
 from plenopiv.tracking.tracks import joined
+from plenopiv.volume import VoxelGrid
 
 if TYPE_CHECKING:
     import xarray
@@ -126,7 +127,7 @@ def track(
             folder.discard()
             summary = json.loads((folder.directory / "summary.json").read_text(encoding="utf-8"))
             if not is_whole(path, summary["tracks_sha256"]):
-                write_tracks(path, _tracks(folder, recording, _smooth(folder, recording, table)))
+                write_tracks(path, _tracks(folder, recording, chain.grid, _smooth(folder, recording, table)))
             return TrackResult(path, folder.directory / "velocity.nc", summary)
         tracker = FrameTracker(chain, recording, table.wavelength_nm)
         _tell_memory(tracker, pool)
@@ -212,7 +213,7 @@ def _put_together(
         like.attrs = {key: value for key, value in like.attrs.items() if key not in OF_A_PAIR}
         write_series(folder.path("velocity.nc"), like, times_of(recording), fields, {})
         files.append("velocity.nc")
-    write_tracks(path, _tracks(folder, recording, smooth))
+    write_tracks(path, _tracks(folder, recording, chain.grid, smooth))
     particles = {
         entry["name"]: n for r in tracked for entry, n in zip(r["frames"], r["numbers"]["particles"], strict=True)
     }
@@ -244,10 +245,12 @@ def _smooth(folder: SeriesFolder, recording: Recording, table: TrackingTable) ->
     return SmoothSequence.of(folder, recording) if table.method == METHOD else None
 
 
-def _tracks(folder: SeriesFolder, recording: Recording, smooth: SmoothSequence | None) -> xarray.Dataset:
+def _tracks(
+    folder: SeriesFolder, recording: Recording, grid: VoxelGrid, smooth: SmoothSequence | None
+) -> xarray.Dataset:
     """The tracks of all pairs' files, or those that are ``smooth``."""
     if smooth is not None:
-        tracks = smooth.dataset()
+        tracks = own_tracks(smooth.dataset(), grid)
     else:
         tracked = [number for number, record in sorted(folder.finished.items()) if record["set_aside"] is None]
         tracks = joined([read_tracks(folder.there(tracks_file(number))) for number in tracked])

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.chain import Chain
 from plenopiv.displacement.field import DisplacementField
@@ -27,10 +28,13 @@ from plenopiv.tracking.rim import clipped_by_rim
 from plenopiv.tracking.shaken import particles_of_prediction
 from plenopiv.volume import Limits, SparseVolume, VoxelGrid, within
 
+if TYPE_CHECKING:
+    import xarray
+
 Array = NDArray[np.float64]
 Expected = Callable[[SparseVolume], "tuple[Array, Array] | None"]
 
-AROUND = 4  # voxels beyond the volume in which particles are looked for too: they light the same pixels
+AROUND = 4  # voxels beyond the volume in which particles count as its own
 
 
 @dataclass(frozen=True)
@@ -105,14 +109,14 @@ class FrameTracker:
         made = chain.reconstruct([image], source.name, partial(report, f"reconstruction of {source.name}"), behind)
         known = None if expected is None else expected(made.volume)
         pixels = self.pixels(image, made.noise.dark, static)
-        stage, limits = partial(report, f"particles of {source.name}"), around(chain.lens_grid)
+        stage, limits = partial(report, f"particles of {source.name}"), beside(chain.lens_grid, chain.camera)
         particles = None if known is None else self._expected(pixels, *known, limits, stage)
         if particles is None:
             particles = particles_of_frame(self.of_points, pixels, *peaks(made.volume), limits, stage)
         if chain.space is not None:
             particles = in_laboratory(particles, chain.space)
             # lens space is a box around the volume's image
-            particles = particles.of(within(particles.position_mm, around(chain.grid)))
+            particles = particles.of(within(particles.position_mm, beside(chain.grid, chain.camera)))
         return TrackedFrame(number, made.volume, particles, entry | {"sha256": of_image(image)}, made.noise.dark)
 
     def _expected(
@@ -159,20 +163,35 @@ class FrameTracker:
             covariance = turned @ covariance @ np.swapaxes(turned, 1, 2)
         std = np.sqrt(np.einsum("nii->ni", covariance))
         found, origin = particles_of_prediction(
-            self.of_points, pixels, position, std, by.light[active], around(chain.lens_grid), stage
+            self.of_points, pixels, position, std, by.light[active], beside(chain.lens_grid, chain.camera), stage
         )
         origin = np.where(origin >= 0, active[origin], -1)
         if chain.space is not None:
             found = in_laboratory(found, chain.space)
-            inside = within(found.position_mm, around(chain.grid))
+            inside = within(found.position_mm, beside(chain.grid, chain.camera))
             found, origin = found.of(inside), origin[inside]
         return PredictedFrame(number, found, origin, entry | {"sha256": of_image(image)})
 
 
 def around(grid: VoxelGrid) -> Limits:
-    """The limits in which particles are looked for, mm."""
+    """The limits of the particles that are a volume's own, mm."""
     x, y, z = ((lo - AROUND * d, hi + AROUND * d) for (lo, hi), d in zip(grid.limits_mm(), grid.voxel_mm, strict=True))
     return x, y, z
+
+
+def beside(grid: VoxelGrid, camera: PlenopticCamera) -> Limits:
+    """The limits in which particles are looked for, mm: as far beside the volume as the light of its particles spreads
+    in the focal plane. Those there light the same pixels, and without them ghosts stand for their light."""
+    x, y, z = around(grid)
+    lens = camera.main_lens
+    spread = 0.5 * lens.aperture_mm * max(-z[0], z[1]) / lens.object_distance_mm
+    return (x[0] - spread, x[1] + spread), (y[0] - spread, y[1] + spread), z
+
+
+def own_tracks(tracks: xarray.Dataset, grid: VoxelGrid) -> xarray.Dataset:
+    """The entries of ``tracks`` that are in the volume of the ``grid``, without those beside it."""
+    place = np.stack([tracks[axis].values for axis in "xyz"], -1)
+    return tracks.isel(obs=np.flatnonzero(within(place, around(grid))))
 
 
 def in_laboratory(particles: FrameParticles, space: SpaceMap) -> FrameParticles:

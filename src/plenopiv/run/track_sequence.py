@@ -24,13 +24,13 @@ from plenopiv.recording import Recording
 from plenopiv.run.frame import LostFrame, Progress, taken_or_lost
 from plenopiv.run.log import Clock
 from plenopiv.run.pair import PairRecord
-from plenopiv.run.track_frame import FrameTracker, PredictedFrame, TrackedFrame, around
+from plenopiv.run.track_frame import FrameTracker, PredictedFrame, TrackedFrame, around, beside
 from plenopiv.run.track_pair import linked
 from plenopiv.tracking.follow import FEWEST, followed
 from plenopiv.tracking.frame import FrameParticles
 from plenopiv.tracking.predict import FRAMES, LOST, predicted
 from plenopiv.tracking.sightings import SeenFrame
-from plenopiv.volume import SparseVolume
+from plenopiv.volume import SparseVolume, within
 
 METHOD = "multi-frame"
 BEGUN = 4  # frames that are reconstructed before others are predicted
@@ -139,7 +139,8 @@ class SequenceJob:
         self.past = [*self.past[1 - FRAMES :], kept]
         name = frame_file(number)
         write_frame(self.folder.path(name), kept)
-        return found.entry, [name], [*said, *found.warned], int(np.isin(tracks, before).sum())
+        goes_on = np.isin(tracks, before) & self._own(found.particles)
+        return found.entry, [name], [*said, *found.warned], int(goes_on.sum())
 
     def _followed(self, number: int, record: PairRecord) -> tuple[tuple[PredictedFrame, Int] | None, list[str]]:
         """Frame ``number`` from predictions and the tracks of its particles, None where it has to be reconstructed, and
@@ -148,7 +149,7 @@ class SequenceJob:
         if len(seen) < BEGUN or seen[-1].number < number - 1 - LOST:
             return None, []
         name = self.tracker.recording.frames[number].name
-        by = predicted(seen, number, around(self.tracker.chain.grid))
+        by = predicted(seen, number, beside(self.tracker.chain.grid, self.tracker.chain.camera))
         try:
             found = self.tracker.predicted(number, by, self.past[-1].dark, self.report)
         except PlenoPIVError:
@@ -185,12 +186,17 @@ class SequenceJob:
     def _numbers(self, number: int, linked: int) -> dict[str, Any]:
         """What the record of a pair says of its frames."""
         first, second = (one.seen.particles for one in self.past[-2:])
-        std = np.sqrt(np.median(np.einsum("nii->ni", second.covariance), 0))[:3]
+        own, there = self._own(first), self._own(second)
+        std = np.sqrt(np.median(np.einsum("nii->ni", second.covariance[there]), 0))[:3]
         return {
-            "particles": [len(first.light), len(second.light)],
+            "particles": [int(own.sum()), int(there.sum())],
             "linked": linked,
             "median_std_mm": std.tolist(),
         }
+
+    def _own(self, particles: FrameParticles) -> NDArray[np.bool_]:
+        """Which particles are in the volume, not beside it."""
+        return within(particles.position_mm, around(self.tracker.chain.grid))
 
 
 def frame_file(number: int) -> str:

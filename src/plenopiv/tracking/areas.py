@@ -45,12 +45,21 @@ def in_order(place: Array) -> Numbers:
     return np.argsort(key, kind="stable")
 
 
-def groups(cut: list[Numbers]) -> list[list[Numbers]]:
-    """Areas that may be fitted at once: a quarter of them at most, of all parts of the plane, so that those of a group
-    hardly touch. What a group is does not depend on the number of threads."""
-    count = max(min(AT_ONCE, len(cut) // 4), 1)
-    order = [cut[k] for k in in_turn(len(cut))]
-    return [order[first : first + count] for first in range(0, len(order), count)]
+def groups(place: Array, cut: list[Numbers], apart: Array) -> list[list[Numbers]]:
+    """Areas of points at ``place`` (n, 2) that may be fitted at once: AT_ONCE at most, ``apart`` (2,) or farther from
+    each other along one axis at least. Of two that touch each would make up for what both leave, and the light there
+    would be taken twice. What a group is does not depend on the number of threads."""
+    low, high = (np.array([edge(place[area], 0) for area in cut]) for edge in (np.min, np.max))
+    found = list[list[int]]()
+    for k in in_turn(len(cut)):
+        for group in found:
+            far = (np.maximum(low[k] - high[group], low[group] - high[k]) >= apart).any(1)
+            if len(group) < AT_ONCE and far.all():
+                group.append(int(k))
+                break
+        else:
+            found.append([int(k)])
+    return [[cut[k] for k in group] for group in found]
 
 
 def about(place: Array, area: Numbers, reach: Array) -> Numbers:

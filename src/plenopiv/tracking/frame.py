@@ -139,7 +139,7 @@ def _in_passes(
     """Fit, leave out, split and search until hardly anything changes; then the last fit. The first fit is a rough one:
     nothing is judged by it but where light is left."""
     position, light, prior, lights, known = begin.position_mm, begin.light, begin.prior, begin.lights, begin.known
-    image, given = None, pixels
+    image, given, looked = None, pixels, False
     off = np.full(len(light), np.nan)  # misfits, of particles that have been looked at
     for done in range(begin.passes):
         steps = STEPS if done else begin.steps
@@ -159,8 +159,12 @@ def _in_passes(
             pairs, half = splits(fit, off, bright)
             known = np.concatenate([known, fit.position_mm[bright]])
         typical = float(np.median(fit.light[~out]))
-        excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
-        places, _ = of_points.places(excess, limits_mm)
+        if not looked:
+            excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
+            places, _ = of_points.places(excess, limits_mm)
+            looked = bool(done) and len(places) <= FEW * len(light)
+        else:
+            places = np.empty((0, 3))
         if progress is not None:
             progress(done + 1, begin.passes + 1)
         changes, middle = len(places) + len(pairs) + out.sum(), fit.position_mm[pairs]

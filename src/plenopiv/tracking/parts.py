@@ -75,7 +75,7 @@ def field_on_grid(
     shape = tuple(len(axis) for axis in reversed(axes_mm))
     total, spread, weight = np.zeros((3, *shape)), np.zeros((3, *shape)), np.zeros(shape)
     used, of_parts = np.zeros(len(position), bool), list[tuple[float, float]]()
-    parts, beyond = list(product(*cores)), BEYOND * step
+    parts, beyond = list(product(cores[0], cores[1], cores[2])), BEYOND * step
     boxes = [_widened(part, limits_mm, beyond) for part in parts]
 
     def made(number: int) -> tuple[NDArray[np.bool_], TrackField, tuple | None] | None:
@@ -85,7 +85,9 @@ def field_on_grid(
             return None
         tracks = position[own], velocity[own], std[own]
         try:
-            field = field_from_tracks(*tracks, box, step, divergence_free=divergence_free, seed=number + 1)
+            field = field_from_tracks(
+                *tracks, box, step, divergence_free=divergence_free, seed=number + 1, core_mm=parts[number]
+            )
         except PlenoPIVError:  # all of them in one corner
             return None
         own[own] = field.used

@@ -152,7 +152,8 @@ def refine(
         image, moved = known.copy(), np.zeros(len(light), bool)
         for number, steps in enumerate(_turns(iterations)):
             fitted = partial(_of_area, of_points, pixels, position, light, prior, steps, image, effort)
-            for group in areas.groups(areas.areas(position[:, :2], turn + number)):
+            cut = areas.areas(position[:, :2], turn + number)
+            for group in areas.groups(position[:, :2], cut, areas.ABOUT * unit[:2]):
                 made = list(each_in_threads(fitted, group)) if len(group) > 1 else [fitted(group[0], alone=True)]
                 for area, (place, brighter, of_area, changes) in zip(group, made, strict=True):
                     position[area], light[area] = place, brighter

@@ -31,6 +31,7 @@ FIRST, POOR = (
     4,
     0.3,
 )  # which part of the rays is asked first, and what share of the mean that LEAST needs they must show
+SEEN = 0.15  # share of the rays that must fall on pixels that are used
 STEP_PITCHES = 0.4  # of places in the plane, in microlens pitches of the focal plane
 STEP_DEPTH = 2.0  # of places in depth, by how much the blur's diameter grows, in such steps
 APART_PITCHES = 1.6  # within which the highest maximum alone is taken
@@ -90,7 +91,7 @@ def _scores(
                     if not np.isnan(value):
                         total += value
                         used += 1
-            score[k, j, i] = total / sqrt(float(used)) if 2 * used > rays else 0.0
+            score[k, j, i] = total / sqrt(float(used)) if used > SEEN * rays else 0.0
 
 
 def places_of_light(

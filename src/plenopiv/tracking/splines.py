@@ -39,7 +39,7 @@ class Equations:
         self._band = np.zeros(self._penalty.shape)
         n = len(std)
         add_data(values.indices.reshape(n, -1), values.data.reshape(n, -1), self._weight, self._band)
-        self.unit = float(self._band[0].mean())
+        self.unit = information(values, std)
         self._band[0] += RIDGE * self.unit
 
     def solution(self, velocity: Array, smoothing: float) -> Array:
@@ -57,6 +57,12 @@ class Equations:
         right = np.stack([self._values.T @ (self._weight[:, axis] * velocity[:, :, axis]).T for axis in range(3)], 1)
         found = banded.solution(factor, right.reshape(form.shape[1], -1))
         return np.ascontiguousarray(found.reshape(-1, 3, len(velocity)).T)
+
+
+def information(values: csr_array, std: Array) -> float:
+    """The mean information on a coefficient of velocities with standard deviations ``std`` (n, 3) where splines have
+    the values ``values`` (n, nodes)."""
+    return float(values.multiply(values).sum(1) @ (1.0 / std**2).mean(1)) / values.shape[1]
 
 
 @kernel
