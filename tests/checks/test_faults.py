@@ -300,8 +300,8 @@ def test_particles_so_dense_that_every_pixel_is_lit_are_not_static_light():
 
 
 def glowing_pair(peak, share_lit, at=(168, 392)):
-    """Two frames of particles of 200 counts, ``share_lit`` of the pixels, in micro-images, with a glow of ``peak``
-    counts around (row, column), and the white image."""
+    """Two frames of particles of 20 to 400 counts, ``share_lit`` of the pixels, in micro-images, with a glow of
+    ``peak`` counts around (row, column), and the white image."""
     rng, (rows, columns) = np.random.default_rng(3), np.mgrid[:560, :672]
     micro = np.hypot(rows % 14 - 7, columns % 14 - 7) < 6.0
     light = peak * np.exp(-(np.hypot(rows - at[0], columns - at[1]) ** 2) / 2 / 100.0**2)

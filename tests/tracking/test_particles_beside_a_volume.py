@@ -5,7 +5,7 @@ import pytest
 import xarray
 from particle_scenes import CAMERA, GAIN, LIMITS, VOXEL_MM, nearest, noisy, pixels_of, seeded
 
-from plenopiv.run.track_frame import around, beside, own_tracks
+from plenopiv.run.track_frame import around, beside, own_tracks, spread_mm
 from plenopiv.tracking.frame import particles_of_frame
 from plenopiv.tracking.light import PointLights
 from plenopiv.volume import VoxelGrid, within
@@ -39,7 +39,7 @@ def test_the_light_of_particles_beside_the_volume_makes_no_ghosts(of_points):
     pixels = pixels_of(noisy(truth.position_mm, truth.electrons))
     start = truth.position_mm[own] + 0.3 * VOXEL_MM
     ghosts, missed, errors = [], [], []
-    for limits in (around(GRID), beside(GRID, CAMERA)):
+    for limits in (around(GRID), beside(GRID, spread_mm(CAMERA, GRID))):
         found = particles_of_frame(of_points, pixels, start, np.full(len(start), LIGHT), limits)
         found = found.of(within(found.position_mm, LIMITS))
         partner = nearest(truth.position_mm, found.position_mm)
@@ -53,7 +53,7 @@ def test_the_light_of_particles_beside_the_volume_makes_no_ghosts(of_points):
 
 
 def test_limits_reach_as_far_as_light_of_the_volume_spreads_in_the_focal_plane():
-    near, far = around(GRID), beside(GRID, CAMERA)
+    near, far = around(GRID), beside(GRID, spread_mm(CAMERA, GRID))
     assert far[2] == near[2]
     spread = 12.5 * near[2][1] / 100.0  # half the aperture, 100 mm before the lens
     for (lo, hi), (low, high) in zip(near[:2], far[:2], strict=True):

@@ -17,7 +17,7 @@ SPOT, USUAL = 3.0, 99.0  # times a particle in focus, and the brightest hundredt
 SAME = 0.5  # of what one half shares that the other half shares where it is static; particles leave .4 at most
 LEAST_COUNTS = 5.0
 BLOCK_PITCHES = 8  # side of a block whose darkest pixels are looked at ...
-DARKEST = 2.0  # ... per cent: particles leave these dark, the more of them the less light a frame has
+DARKEST = 2.0  # ... per cent: particles leave these dark
 GLOW = 0.1  # of a particle in focus, by which a block's may be lighter than most
 DENSE = 0.6  # of what a quarter of its pixels stay below, that they hold at least: light of dense particles varies more
 LIT = 0.5  # of the white image's bright pixels, that a pixel of a micro-image has
@@ -98,6 +98,8 @@ def glow(
     """A finding where both frames of one pair (counts) are lighter in one part of the sensor than in most, also in
     pixels that particles leave dark. ``white``: counts of the white image, None without one: between micro-images
     there is no light; ``particle``: counts of one in focus."""
+    if particle <= 0:
+        return None
     side = round(BLOCK_PITCHES * pitch_px)
     rows, columns = (length // side for length in a.shape)
     both, level = np.minimum(a, b), np.full((2, rows, columns), np.nan)
@@ -110,7 +112,7 @@ def glow(
         own = both[block] if seen is None else both[block][seen[block]]
         if own.size >= 0.1 * side**2:
             level[:, j, i] = np.percentile(own, (DARKEST, DIM))
-    if particle <= 0 or np.isnan(level).all():
+    if np.isnan(level).all():
         return None
     darkest, dim = level - np.nanmedian(level[0])
     j, i = (int(k) for k in np.unravel_index(np.nanargmax(darkest), darkest.shape))

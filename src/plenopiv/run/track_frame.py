@@ -88,6 +88,10 @@ class FrameTracker:
             return clipped if of_chain is None else of_chain
         return np.asarray(of_chain | clipped)
 
+    def limits(self, grid: VoxelGrid) -> Limits:
+        """The limits of a grid, of lens space or of the laboratory, in which particles are looked for, mm."""
+        return beside(grid, spread_mm(self.chain.camera, self.chain.lens_grid))
+
     def pixels(self, image: NDArray, dark: float, static: NDArray | None) -> Pixels:
         """The pixels of an upright image (rows, columns) in counts. ``dark``: standard deviation of a dark pixel;
         ``static``: counts of static light that were taken off."""
@@ -109,14 +113,14 @@ class FrameTracker:
         made = chain.reconstruct([image], source.name, partial(report, f"reconstruction of {source.name}"), behind)
         known = None if expected is None else expected(made.volume)
         pixels = self.pixels(image, made.noise.dark, static)
-        stage, limits = partial(report, f"particles of {source.name}"), beside(chain.lens_grid, chain.camera)
+        stage, limits = partial(report, f"particles of {source.name}"), self.limits(chain.lens_grid)
         particles = None if known is None else self._expected(pixels, *known, limits, stage)
         if particles is None:
             particles = particles_of_frame(self.of_points, pixels, *peaks(made.volume), limits, stage)
         if chain.space is not None:
             particles = in_laboratory(particles, chain.space)
             # lens space is a box around the volume's image
-            particles = particles.of(within(particles.position_mm, beside(chain.grid, chain.camera)))
+            particles = particles.of(within(particles.position_mm, self.limits(chain.grid)))
         return TrackedFrame(number, made.volume, particles, entry | {"sha256": of_image(image)}, made.noise.dark)
 
     def _expected(
@@ -163,12 +167,12 @@ class FrameTracker:
             covariance = turned @ covariance @ np.swapaxes(turned, 1, 2)
         std = np.sqrt(np.einsum("nii->ni", covariance))
         found, origin = particles_of_prediction(
-            self.of_points, pixels, position, std, by.light[active], beside(chain.lens_grid, chain.camera), stage
+            self.of_points, pixels, position, std, by.light[active], self.limits(chain.lens_grid), stage
         )
         origin = np.where(origin >= 0, active[origin], -1)
         if chain.space is not None:
             found = in_laboratory(found, chain.space)
-            inside = within(found.position_mm, beside(chain.grid, chain.camera))
+            inside = within(found.position_mm, self.limits(chain.grid))
             found, origin = found.of(inside), origin[inside]
         return PredictedFrame(number, found, origin, entry | {"sha256": of_image(image)})
 
@@ -179,19 +183,28 @@ def around(grid: VoxelGrid) -> Limits:
     return x, y, z
 
 
-def beside(grid: VoxelGrid, camera: PlenopticCamera) -> Limits:
-    """The limits in which particles are looked for, mm: as far beside the volume as the light of its particles spreads
-    in the focal plane. Those there light the same pixels, and without them ghosts stand for their light."""
+def spread_mm(camera: PlenopticCamera, lens_grid: VoxelGrid) -> float:
+    """How far from its middle the light of a particle spreads in the focal plane, at most, in a volume of lens
+    space."""
+    lens, (low, high) = camera.main_lens, around(lens_grid)[2]
+    return 0.5 * lens.aperture_mm * max(-low, high) / lens.object_distance_mm
+
+
+def beside(grid: VoxelGrid, spread: float) -> Limits:
+    """The limits of a volume and what is beside it by as much as light spreads (``spread_mm``). Particles there light
+    the same pixels, and without them ghosts stand for their light."""
     x, y, z = around(grid)
-    lens = camera.main_lens
-    spread = 0.5 * lens.aperture_mm * max(-z[0], z[1]) / lens.object_distance_mm
     return (x[0] - spread, x[1] + spread), (y[0] - spread, y[1] + spread), z
+
+
+def own(position_mm: Array, grid: VoxelGrid) -> NDArray[np.bool_]:
+    """Which particles at positions (n, 3) are in the volume of the ``grid``, not beside it."""
+    return within(position_mm, around(grid))
 
 
 def own_tracks(tracks: xarray.Dataset, grid: VoxelGrid) -> xarray.Dataset:
     """The entries of ``tracks`` that are in the volume of the ``grid``, without those beside it."""
-    place = np.stack([tracks[axis].values for axis in "xyz"], -1)
-    return tracks.isel(obs=np.flatnonzero(within(place, around(grid))))
+    return tracks.isel(obs=np.flatnonzero(own(np.stack([tracks[axis].values for axis in "xyz"], -1), grid)))
 
 
 def in_laboratory(particles: FrameParticles, space: SpaceMap) -> FrameParticles:

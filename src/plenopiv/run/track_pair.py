@@ -22,13 +22,13 @@ from plenopiv.recording import Recording
 from plenopiv.run.frame import LostFrame, Progress, taken_or_lost
 from plenopiv.run.pair import PairRecord, given_up, path_in
 from plenopiv.run.track_field import of_links, velocity_of_tracks
-from plenopiv.run.track_frame import FrameTracker, TrackedFrame, around, own_tracks
+from plenopiv.run.track_frame import FrameTracker, TrackedFrame, own, own_tracks
 from plenopiv.tracking.expected import expected
 from plenopiv.tracking.frame import FrameParticles
 from plenopiv.tracking.links import Links, link
 from plenopiv.tracking.peaks import peaks
 from plenopiv.tracking.tracks import tracks_dataset
-from plenopiv.volume import SparseVolume, VoxelGrid, within
+from plenopiv.volume import SparseVolume, VoxelGrid
 
 SCATTER_VOXELS = 0.7  # first guess of how far correlation is from a particle's displacement
 FARTHER = 3.0  # times the largest displacement of the correlation is the largest of a particle
@@ -134,11 +134,11 @@ class TrackJob:
         write_tracks(path_in(self.folder, name, self.while_there), tracks)
         write_velocity(path_in(self.folder, field, self.while_there), velocity)
         record.files += [name, field]
-        own, there = (within(each.position_mm, around(chain.grid)) for each in (first, second))
-        std = np.sqrt(np.median(np.einsum("nii->ni", first.covariance[own]), 0))[:3]
+        here, there = (own(each.position_mm, chain.grid) for each in (first, second))
+        std = np.sqrt(np.median(np.einsum("nii->ni", first.covariance[here]), 0))[:3]
         record.numbers = {
-            "particles": [int(own.sum()), int(there.sum())],
-            "linked": int(own[links.a].sum()),
+            "particles": [int(here.sum()), int(there.sum())],
+            "linked": int(here[links.a].sum()),
             "left_by_correlation_mm": links.scatter_mm.tolist(),
             "median_std_mm": std.tolist(),
             "measured": int(velocity.valid.sum()),

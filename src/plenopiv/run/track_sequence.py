@@ -24,13 +24,13 @@ from plenopiv.recording import Recording
 from plenopiv.run.frame import LostFrame, Progress, taken_or_lost
 from plenopiv.run.log import Clock
 from plenopiv.run.pair import PairRecord
-from plenopiv.run.track_frame import FrameTracker, PredictedFrame, TrackedFrame, around, beside
+from plenopiv.run.track_frame import FrameTracker, PredictedFrame, TrackedFrame, own
 from plenopiv.run.track_pair import linked
 from plenopiv.tracking.follow import FEWEST, followed
 from plenopiv.tracking.frame import FrameParticles
 from plenopiv.tracking.predict import FRAMES, LOST, predicted
 from plenopiv.tracking.sightings import SeenFrame
-from plenopiv.volume import SparseVolume, within
+from plenopiv.volume import SparseVolume
 
 METHOD = "multi-frame"
 BEGUN = 4  # frames that are reconstructed before others are predicted
@@ -139,7 +139,7 @@ class SequenceJob:
         self.past = [*self.past[1 - FRAMES :], kept]
         name = frame_file(number)
         write_frame(self.folder.path(name), kept)
-        goes_on = np.isin(tracks, before) & self._own(found.particles)
+        goes_on = np.isin(tracks, before) & own(found.particles.position_mm, self.tracker.chain.grid)
         return found.entry, [name], [*said, *found.warned], int(goes_on.sum())
 
     def _followed(self, number: int, record: PairRecord) -> tuple[tuple[PredictedFrame, Int] | None, list[str]]:
@@ -149,7 +149,7 @@ class SequenceJob:
         if len(seen) < BEGUN or seen[-1].number < number - 1 - LOST:
             return None, []
         name = self.tracker.recording.frames[number].name
-        by = predicted(seen, number, beside(self.tracker.chain.grid, self.tracker.chain.camera))
+        by = predicted(seen, number, self.tracker.limits(self.tracker.chain.grid))
         try:
             found = self.tracker.predicted(number, by, self.past[-1].dark, self.report)
         except PlenoPIVError:
@@ -186,17 +186,13 @@ class SequenceJob:
     def _numbers(self, number: int, linked: int) -> dict[str, Any]:
         """What the record of a pair says of its frames."""
         first, second = (one.seen.particles for one in self.past[-2:])
-        own, there = self._own(first), self._own(second)
+        here, there = (own(each.position_mm, self.tracker.chain.grid) for each in (first, second))
         std = np.sqrt(np.median(np.einsum("nii->ni", second.covariance[there]), 0))[:3]
         return {
-            "particles": [int(own.sum()), int(there.sum())],
+            "particles": [int(here.sum()), int(there.sum())],
             "linked": linked,
             "median_std_mm": std.tolist(),
         }
-
-    def _own(self, particles: FrameParticles) -> NDArray[np.bool_]:
-        """Which particles are in the volume, not beside it."""
-        return within(particles.position_mm, around(self.tracker.chain.grid))
 
 
 def frame_file(number: int) -> str:

@@ -111,13 +111,13 @@ def field_from_tracks(
         raise PlenoPIVError(f"tracking: {inside.sum()} tracks within {limits_mm} mm make no field; enlarge it")
     values = values_at(position, low, step_mm, nodes)
     used: NDArray[np.bool_] = np.asarray(inside, np.bool_)
-    form = nodes, divergence_free
+    form, core = (nodes, divergence_free), core_mm or limits_mm
 
     def chosen(std: Array) -> float:
-        own = used if core_mm is None else used & within(position, core_mm)
-        if core_mm is None or own.sum() < MANY:
+        own = used & within(position, core)
+        if core == limits_mm or own.sum() < MANY:
             return _chosen(values[used], velocity[used], std[used], *form)
-        of_core, nodes_of_core = _nodes(core_mm, step_mm)
+        of_core, nodes_of_core = _nodes(core, step_mm)
         of_tracks = values_at(position[own], of_core, step_mm, nodes_of_core)
         found = _chosen(of_tracks, velocity[own], std[own], nodes_of_core, divergence_free)
         return found * information(of_tracks, std[own]) / information(values[used], std[used])

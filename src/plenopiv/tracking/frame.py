@@ -136,10 +136,10 @@ class _Start:
 def _in_passes(
     of_points: LightOfPoints, pixels: Pixels, begin: _Start, limits_mm: Limits, progress: Progress | None
 ) -> FrameParticles:
-    """Fit, leave out, split and search until hardly anything changes; then the last fit. The first fit is a rough one:
-    nothing is judged by it but where light is left."""
+    """Fit, leave out, split, and search while a search finds more than FEW, until hardly anything changes; then the
+    last fit. The first fit is a rough one: nothing is judged by it but where light is left."""
     position, light, prior, lights, known = begin.position_mm, begin.light, begin.prior, begin.lights, begin.known
-    image, given, looked = None, pixels, False
+    image, given, all_found = None, pixels, False
     off = np.full(len(light), np.nan)  # misfits, of particles that have been looked at
     for done in range(begin.passes):
         steps = STEPS if done else begin.steps
@@ -159,12 +159,11 @@ def _in_passes(
             pairs, half = splits(fit, off, bright)
             known = np.concatenate([known, fit.position_mm[bright]])
         typical = float(np.median(fit.light[~out]))
-        if not looked:
+        places = np.empty((0, 3))
+        if not all_found:
             excess = np.where(pixels.usable, fit.residual / np.sqrt(fit.variance), np.nan)
             places, _ = of_points.places(excess, limits_mm)
-            looked = bool(done) and len(places) <= FEW * len(light)
-        else:
-            places = np.empty((0, 3))
+            all_found = done > 0 and len(places) <= FEW * len(light)
         if progress is not None:
             progress(done + 1, begin.passes + 1)
         changes, middle = len(places) + len(pairs) + out.sum(), fit.position_mm[pairs]
