@@ -23,7 +23,7 @@ PLANES = 24  # at most
 WINDOW = 14  # microlenses
 CLEAR = 0.25  # correlation coefficient from which a peak is accepted; frames of two flows reach 0.16
 SLOW = 0.7  # microlenses: what is more blurred is left out
-REACH = 1.5  # dead zones within which planes count less: they show the microlenses
+REACH = 1.5  # half dead zones within which planes count less: they show the microlenses
 EVERY = 3  # of the views; neighbours see nearly the same
 
 

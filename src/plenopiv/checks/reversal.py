@@ -127,7 +127,7 @@ def finding(found: Steps, named: NamedPairs | None = None) -> Finding | None:
     if not all(seen) or len(seen) < 2:
         return None
     moves = ", ".join("({:+.1f}, {:+.1f}, {:+.1f})".format(*np.median(step.displacement, axis=0)) for step in found)
-    where = f"{moves} microlenses across and dead zones in depth"
+    where = f"{moves} microlenses across and half dead zones in depth"
     differ = [_share(_differ(a, b)) for a, b in pairwise(found)]
     if len(found) > 2:
         again = [_share(_back(a, b, c)) for a, b, c in zip(found, found[1:], found[2:], strict=False)]

@@ -95,7 +95,8 @@ def statistics(
     period: Annotated[float, typer.Option(metavar="P", help="Period in the unit of the phases.")] = 360.0,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Default: beside velocity.nc.")] = None,
     lags: Annotated[
-        int | None, typer.Option(metavar="N", min=0, help="Pairs over which correlation in time is followed.")
+        int | None,
+        typer.Option(metavar="N", min=0, help="Pairs over which correlation in time is followed; 16, phases 4."),
     ] = None,
     replaced: Annotated[bool, typer.Option("--replaced", help="Count replaced vectors too.")] = False,
     overwrite: Overwrite = False,

@@ -32,7 +32,7 @@ from plenopiv.volume import VoxelGrid
 
 FARTHEST = 3.2  # pitches: the longest lag
 BASELINES = (0.17, 0.5, 1.0, 1.5)  # of the aperture's radius, along each axis of the sensor
-APART = 0.6  # dead zones, at most, between planes in which particles are sought: further apart they look blurred
+APART = 0.6  # half dead zones, at most, between planes in which particles are sought: further apart they look blurred
 FEWEST_PLANES = 33
 BEYOND = 0.25  # of the volume's depth, that planes are sought in front of it and behind it
 SIDE = 128  # places across the autocorrelation's table

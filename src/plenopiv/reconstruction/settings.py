@@ -31,7 +31,7 @@ class ReconstructionSettings:
     ``threshold`` counts.
     ``threshold``: counts; of the bound, in a pixel that the particle lights wholly in focus. None: from the images, 0.2
     to 0.4 of the typical particle, or three times the noise (``candidates``).
-    ``focus_reach``: up to how many dead zones from focus light counts less in the correlation (``focus``); 0 = none.
+    ``focus_reach``: half dead zones from focus within which light counts less in the correlation (``focus``); 0: none.
     ``seed``: of the random order of views. ``motion_tracking``: how often both frames of a pair are reconstructed again
     from a first guess that they share (``plenopiv.motion_tracking``).
     """
