@@ -52,6 +52,20 @@ def test_velocity_is_that_to_the_next_frame(tracks):
     np.testing.assert_allclose(tracks.covariance.values[4, 0, 3], -1e-4)  # of the link to frame 2, not of that from 0
 
 
+def test_ends_of_links_that_are_not_in_the_volume_leave_the_others_as_they_are():
+    """One particle comes in, one goes out, two stay; of a last pair nothing is left in the second frame."""
+    frames = [particles([0.0, 1.0, 2.0, 3.0]), particles([0.5, 1.5, 2.5, 3.5]), particles([0.7])]
+    first = tracks_dataset([(0, frames[0]), (1, frames[1])], [(0, 1, links((0, 0), (1, 1), (2, 2), (3, 3)))], DT_S)
+    second = tracks_dataset([(1, frames[1]), (2, frames[2])], [(1, 2, links((0, 0)))], DT_S)
+    inside = [first.isel(obs=[1, 2, 3, 4, 5, 6]), second.isel(obs=[0, 1, 2])]
+    whole = joined(inside)
+    assert whole.frame.values.tolist() == [0, 0, 0, 1, 1, 1]
+    assert whole.track_id.values.tolist() == [1, 2, 3, 0, 1, 2]
+    np.testing.assert_allclose(whole.u.values, [0.5, 0.5, 0.5, 0.2, 0.5, 0.5])
+    assert joined([inside[1].isel(obs=[0])]).track_id.values.tolist() == [0]
+    assert joined([first.isel(obs=[7])]).track_id.values.tolist() == [0]
+
+
 def test_vtk_reads_tracks_back(tracks, tmp_path):
     pyvista = pytest.importorskip("pyvista", reason="needs PyVista: part of requirements-dev.txt")
     write_tracks(tmp_path / "tracks.nc", tracks)

@@ -147,3 +147,29 @@ def test_particles_behind_water(recording, tmp_path):
     assert (partner >= 0).mean() > 0.95
     ratio = first.z_std.values[partner[partner >= 0]] / std[partner >= 0]
     assert np.median(ratio) == pytest.approx(1.33, abs=0.03)
+
+
+def test_particles_that_leave_the_volume_between_the_frames(recording, tmp_path):
+    """Of a volume within what is lit; frames a, b and a again: who comes in goes out again."""
+    folder, _ = recording
+    shutil.copy(folder / "a.tif", folder / "again.tif")
+    narrow = with_keys(
+        folder,
+        "narrow.toml",
+        tmp_path / "out",
+        recording={"frames": ["a.tif", "b.tif", "again.tif"]},
+        volume={"x_mm": [-0.45, 0.45]},
+    )
+    assert main(["--quiet", "track", str(narrow)]) == 0
+    made = xarray.load_dataset(tmp_path / "out" / "tracks.nc")
+    ids, frame = made.track_id.values, made.frame.values
+    in_frame = [set(ids[(frame == k) & (ids >= 0)].tolist()) for k in range(3)]
+    assert in_frame[0] - in_frame[1]
+    assert in_frame[1] - in_frame[0]
+    x = [dict(zip(ids[frame == k].tolist(), made.x.values[frame == k].tolist(), strict=True)) for k in range(3)]
+    both = sorted(in_frame[0] & in_frame[1])
+    assert len(both) > 20
+    moved = np.array([x[1][one] - x[0][one] for one in both])
+    assert moved == pytest.approx(1e3 * 5e-4 * VELOCITY_M_S[0], abs=0.03)
+    back = np.array([x[2][one] - x[0][one] for one in sorted(in_frame[0] & in_frame[2])])
+    assert np.abs(back).max() < 0.03

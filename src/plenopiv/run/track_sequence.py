@@ -89,8 +89,9 @@ class SequenceJob:
         if not numbers:
             return
         before: LostFrame | dict[str, Any]
+        said = list[str]()  # of the first frame
         if numbers[0] == 0:
-            before, files, _, _ = self._frame(0, PairRecord(0, []))
+            before, files, said, _ = self._frame(0, PairRecord(0, []))
         else:
             self._look_back(numbers[0])
             before, files = self.folder.finished[numbers[0] - 1]["frames"][1], []
@@ -100,20 +101,19 @@ class SequenceJob:
             record = PairRecord(number, [before.entry if isinstance(before, LostFrame) else before])
             after, more, told, count = self._frame(number + 1, record)
             record.frames.append(after.entry if isinstance(after, LostFrame) else after)
-            record.files, record.warnings = [*files, *more], told
+            record.files, record.warnings = [*files, *more], [*said, *told]
             for one in (before, after):
                 if isinstance(one, LostFrame):
                     record.set_aside = one.reason
             if record.set_aside is None:
                 record.numbers |= self._numbers(number, count)
             yield record
-            before, files = after, []
+            before, files, said = after, [], []
 
     def _look_back(self, number: int) -> None:
         """Read the frames before ``number`` and itself, as far as the next one needs them."""
-        for k in range(max(number - FRAMES, 0), number + 1):
-            if (path := self.folder.there(frame_file(k))).exists():
-                self.past.append(read_frame(path, k))
+        kept = frames_kept(self.folder, range(max(number - FRAMES, 0), number + 1))
+        self.past += [read_frame(path, k) for k, path in kept.items()]
 
     def _frame(self, number: int, record: PairRecord) -> tuple[LostFrame | dict[str, Any], list[str], list[str], int]:
         """Frame ``number``: why it was lost, or its entry in the manifest; files, what was warned of, and how many of
@@ -198,6 +198,13 @@ class SequenceJob:
 def frame_file(number: int) -> str:
     """Name of the file of a frame's particles, from 0, in the folder of the tracking."""
     return f"pairs/particles-{number:04d}.npz"
+
+
+def frames_kept(folder: SeriesFolder, numbers: Sequence[int]) -> dict[int, Path]:
+    """The files of those of the frames ``numbers`` that finished pairs have; others that lie there are of results that
+    are being replaced."""
+    listed = {name for record in folder.finished.values() for name in record["files"]}
+    return {k: folder.there(frame_file(k)) for k in numbers if frame_file(k) in listed}
 
 
 def write_frame(path: Path, frame: KeptFrame) -> None:

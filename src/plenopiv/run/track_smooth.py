@@ -18,7 +18,7 @@ from plenopiv.io.series_folder import SeriesFolder
 from plenopiv.recording import Recording
 from plenopiv.run.frame import Progress
 from plenopiv.run.track_field import velocity_of_tracks
-from plenopiv.run.track_sequence import frame_file, read_frame
+from plenopiv.run.track_sequence import frames_kept, read_frame
 from plenopiv.run.versions import versions
 from plenopiv.tracking.sightings import SeenFrame
 from plenopiv.tracking.tracks import smooth_dataset
@@ -44,8 +44,8 @@ class SmoothSequence:
     @classmethod
     def of(cls, folder: SeriesFolder, recording: Recording) -> SmoothSequence:
         """From the files of the frames."""
-        paths = {number: folder.there(frame_file(number)) for number in range(len(recording))}
-        frames = [read_frame(path, number).seen for number, path in paths.items() if path.exists()]
+        kept = frames_kept(folder, range(len(recording)))
+        frames = [read_frame(path, number).seen for number, path in kept.items()]
         return cls(recording, frames, trajectories(frames))
 
     def dataset(self) -> xarray.Dataset:

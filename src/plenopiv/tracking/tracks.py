@@ -138,19 +138,21 @@ def joined(pairs: Sequence[xarray.Dataset]) -> xarray.Dataset:
     following = 0
     for pair in pairs:
         of, number = pair["track_id"].values, pair["frame"].values
-        if not (of >= 0).any():
-            continue
-        a_frame, b_frame = np.unique(number).tolist()
-        in_a, in_b = np.flatnonzero(number == a_frame), np.flatnonzero(number == b_frame)
-        a, b = in_a[of[in_a] >= 0], in_b[of[in_b] >= 0]
-        a, b = a[np.argsort(of[a])], b[np.argsort(of[b])]
-        at_a, at_b = starts[a_frame] + a - in_a[0], starts[b_frame] + b - in_b[0]
-        fresh = track[at_a] < 0
-        track[at_a[fresh]] = following + np.arange(fresh.sum())
+        at = np.empty(len(of), np.int64)  # where its entries are in the whole
+        for frame in np.unique(number).tolist():
+            in_frame = np.flatnonzero(number == frame)
+            at[in_frame] = starts[frame] + np.arange(len(in_frame))
+        linked = np.flatnonzero(of >= 0)  # an end beside the volume is not there: ids alone say which belong together
+        ids, which = np.unique(of[linked], return_inverse=True)
+        known = np.full(len(ids), -1, np.int64)
+        np.maximum.at(known, which, track[at[linked]])
+        fresh = known < 0
+        known[fresh] = following + np.arange(fresh.sum())
         following += int(fresh.sum())
-        track[at_b] = track[at_a]
+        track[at[linked]] = known[which]
+        first = linked[number[linked] == number.min(initial=np.iinfo(number.dtype).max)]
         for name, values in moving.items():  # to the next frame, where there is a link
-            values[at_a] = pair[name].values[a]
+            values[at[first]] = pair[name].values[first]
     variables: dict[str, tuple] = {"track_id": ("obs", track, whole["track_id"].attrs)}
     variables |= {name: (whole[name].dims, values, whole[name].attrs) for name, values in moving.items()}
     return whole.assign(variables)
