@@ -122,6 +122,8 @@ MISTAKES = [
     ("correlation.inner_window", [40, 40], "correlation.inner_window: has too few entries"),
     ("correlation.inner_overlap", 0.95, "correlation.inner_overlap: 0.95 is out of range"),
     ("simulation", {}, "simulation.flow: missing"),
+    ("tracking.wavelength_nm", 0.532, "tracking.wavelength_nm = 0.532: must be greater than or equal to 100"),
+    ("tracking.grid_mm", 1e-3, "tracking.grid_mm: 4e+11 vectors are too many, 2e+07 are the most; is it in mm?"),
 ]
 
 

@@ -49,6 +49,25 @@ def test_counts_come_back_as_they_were_written(tmp_path, counts, options):
     np.testing.assert_array_equal(read, counts)
 
 
+def test_frames_of_several_folders_have_names_of_their_own(tmp_path, counts):
+    (tmp_path / "A").mkdir()
+    (tmp_path / "B").mkdir()
+    paths = [write(tmp_path / name, counts) for name in ("A/001.tif", "B/001.tif", "A/002.tif")]
+    recording = Recording(SENSOR, tuple(paths), None, 1e-3, "upright")
+    assert recording.names == ["A/001.tif", "B/001.tif", "002.tif"]
+
+
+def test_the_first_and_the_last_pair_that_can_be_read(tmp_path, counts):
+    """A blank frame is found when it is read."""
+    images = [0 * counts, counts, counts, counts, 0 * counts]
+    paths = [write(tmp_path / f"{k}.tif", image) for k, image in enumerate(images)]
+    recording = Recording(SENSOR, tuple(paths), None, 1e-3, "upright")
+    (first, before), (last, after) = recording.first_readable_pair(), recording.last_readable_pair()
+    assert (first, last) == ((1, 2), (2, 3))
+    assert (list(before), list(after)) == ([0], [4])
+    assert "is blank" in after[4]
+
+
 def test_frames_come_upright(tmp_path, counts):
     paths = (write(tmp_path / "a.tif", counts), write(tmp_path / "b.tif", counts + 1))
     white = write(tmp_path / "white.tif", counts + 2)

@@ -54,7 +54,7 @@ def test_the_only_pair_is_not_set_aside():
 def test_warnings_of_a_frame_are_kept(recording):
     def take():
         warn("overexposed")
-        return TrackedFrame(0, None, None, {}, 1.5)
+        return TrackedFrame(None, None)
 
     assert taken_or_lost(recording, 0, take).warned == ("overexposed",)
 

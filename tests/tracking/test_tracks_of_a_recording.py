@@ -1,5 +1,6 @@
 """plenopiv track on a small simulated recording of a uniform flow."""
 
+import json
 import shutil
 
 import numpy as np
@@ -173,3 +174,34 @@ def test_particles_that_leave_the_volume_between_the_frames(recording, tmp_path)
     assert moved == pytest.approx(1e3 * 5e-4 * VELOCITY_M_S[0], abs=0.03)
     back = np.array([x[2][one] - x[0][one] for one in sorted(in_frame[0] & in_frame[2])])
     assert np.abs(back).max() < 0.03
+
+
+def test_a_recording_that_is_unusable_is_not_tracked_unasked(recording, tmp_path, capsys):
+    """Both frames are one image: what moves is nothing, and would pass for a flow at rest."""
+    folder, _ = recording
+    shutil.copy(folder / "a.tif", folder / "same.tif")
+    path = with_keys(folder, "same.toml", tmp_path / "out", recording={"frames": ["a.tif", "same.tif"]})
+    assert main(["track", str(path)]) == 2
+    assert "a.tif and same.tif are one image" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "tracks.nc").exists()
+    assert main(["track", "--force", str(path)]) == 0
+    assert "displacements of up to (" in capsys.readouterr().out
+    for name in ("tracks.nc", "tracking/velocity.nc"):
+        with xarray.open_dataset(tmp_path / "out" / name) as made:
+            assert made.attrs["quality"] == "forced"
+
+
+def test_a_pair_of_a_series_that_is_unusable_is_set_aside(recording, tmp_path, capsys):
+    folder, _ = recording
+    frames = []
+    for name, of in zip("ABCDE", "abbab", strict=True):
+        (folder / name).mkdir()
+        shutil.copy(folder / f"{of}.tif", folder / name / "1.tif")
+        frames.append(f"{name}/1.tif")
+    path = with_keys(folder, "series.toml", tmp_path / "out", recording={"frames": frames})
+    assert main(["track", str(path)]) == 3
+    assert "are one image" in capsys.readouterr().err
+    summary = json.loads((tmp_path / "out" / "tracking" / "summary.json").read_text())
+    assert [aside["pair"] for aside in summary["set_aside"]] == [1]
+    assert summary["quality"] == "doubtful"
+    assert list(summary["particles"]) == frames

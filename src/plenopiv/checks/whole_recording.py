@@ -148,7 +148,8 @@ def readable(recording: Recording) -> tuple[list[int], list[Finding]]:
         PlenoPIVError: no pair can be read.
     """
     pair, bad = recording.first_readable_pair()
-    last = next(p for p in reversed(recording.pairs) if not bad.keys() & set(p))
+    last, more_bad = recording.last_readable_pair()
+    bad |= more_bad
     out = []
     if bad:
         more = f" ({len(bad)} such frames)" if bad.keys() - {next(iter(bad))} else ""

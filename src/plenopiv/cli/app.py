@@ -20,6 +20,9 @@ ExperimentFile = Annotated[Path, typer.Argument(metavar="EXPERIMENT", help="The 
 Frame = Annotated[str | None, typer.Argument(metavar="[FRAME]", help="Its file's name, or its number from 1.")]
 DENSITIES = (0.5, 1.0, 2.0)  # particles per microlens that design simulates
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is already there.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Measure what the checks call unusable; velocity.nc says quality = forced.")
+]
 
 
 def _version(wanted: bool) -> None:
@@ -236,9 +239,7 @@ def run(
             metavar="GB", min=0.0, help="Take no more memory than this: reconstruct in tiles, or do not begin."
         ),
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Measure what the checks call unusable; velocity.nc says quality = forced.")
-    ] = False,
+    force: Force = False,
     pairs: Annotated[
         str | None,
         typer.Option(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from plenopiv.cli.app import ExperimentFile, Overwrite, _finish
+from plenopiv.cli.app import ExperimentFile, Force, Overwrite, _finish
 from plenopiv.cli.commands_of_results import app
 from plenopiv.cli.options import Scheduler, SchedulerFile, ThreadsOfEach, WorkerCount
 
@@ -15,6 +15,7 @@ def track(
     threads: ThreadsOfEach = None,
     scheduler: Scheduler = None,
     scheduler_file: SchedulerFile = None,
+    force: Force = False,
 ) -> None:
     """Track particles: positions from raw pixels with an error bar each, links between the frames of a pair, a field.
 
@@ -28,6 +29,8 @@ def track(
     them, without a reconstruction; positions, velocities and accelerations (ax, ay, az in m/s^2) are those of smooth
     tracks.
 
+    A recording that plenopiv check calls unusable is refused, unless --force is given, as by plenopiv run.
+
     Finished pairs are kept, whatever ends it: the same command goes on from there. A pair that cannot be tracked is set
     aside, and the exit code is 3. Pairs may be tracked by several processes, here (--workers) or on a cluster; those of
     a sequence that is tracked over many frames may not.
@@ -40,4 +43,4 @@ def track(
     """
     from plenopiv.cli.track import track
 
-    _finish("track", track(experiment, overwrite, (workers, threads, scheduler, scheduler_file)))
+    _finish("track", track(experiment, overwrite, (workers, threads, scheduler, scheduler_file), force))

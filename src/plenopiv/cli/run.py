@@ -50,7 +50,7 @@ def run(
     if chosen is not None:
         (done, count), aside = result.measured, result.summary["set_aside"]
         text = f"{done} of {count} pairs are finished; {command_line('run', file)} puts them together"
-        lines = [*_set_aside(aside, min(chosen[1] + 1, count) - chosen[0]), text]
+        lines = [*set_aside(aside, min(chosen[1] + 1, count) - chosen[0]), text]
         return Outcome("\n".join(lines), {"finished": done, "pairs": count}, SET_ASIDE if aside else 0)
     return told(result)
 
@@ -85,13 +85,7 @@ def told(result: RunResult) -> Outcome:
     folder, summary = result.directory, result.summary
     replaced, warned = f"{100 * summary['replaced_share']:.1f} %", len(summary["warnings"])
     facts, aside = summary["not_in_images"], summary["set_aside"]
-    moved = ", ".join(f"{voxels:.2g}" for voxels in facts["largest_displacement_voxels"])
-    lines = [
-        f"displacements of up to ({moved}) voxels along (x, y, z), {facts['largest_velocity_m_s']:.3g} m/s at "
-        f'dt = {facts["dt_s"]:g} s, orientation "{facts["orientation"]}": no image tells whether these two are right;'
-        " plenopiv orientation settles the second"
-    ]
-    lines += _set_aside(aside, summary["pairs"])
+    lines = [not_in_images(facts), *set_aside(aside, summary["pairs"])]
     inside = summary.get("vectors_inside_body")
     in_body = "" if inside is None else f" ({inside} inside the body, not measured)"
     text = "\n".join(
@@ -105,7 +99,17 @@ def told(result: RunResult) -> Outcome:
     return Outcome(text, {"quality": summary["quality"], "set_aside": aside}, SET_ASIDE if aside else 0)
 
 
-def _set_aside(aside: Sequence[Mapping[str, Any]], pairs: int) -> list[str]:
+def not_in_images(facts: Mapping[str, Any]) -> str:
+    """The largest displacement, and what it rests on that no image can tell (``summary.json``)."""
+    moved = ", ".join(f"{voxels:.2g}" for voxels in facts["largest_displacement_voxels"])
+    return (
+        f"displacements of up to ({moved}) voxels along (x, y, z), {facts['largest_velocity_m_s']:.3g} m/s at "
+        f'dt = {facts["dt_s"]:g} s, orientation "{facts["orientation"]}": no image tells whether these two are right;'
+        " plenopiv orientation settles the second"
+    )
+
+
+def set_aside(aside: Sequence[Mapping[str, Any]], pairs: int) -> list[str]:
     """What was set aside of so many pairs, in lines."""
     if not aside:
         return []

@@ -136,6 +136,8 @@ class Experiment(Table):
         if prod(sides) > LARGEST_VOLUME or max(sides) > LARGEST_SIDE:
             counts = " x ".join(f"{side:.5g}" for side in sides)
             return [f"volume.voxel_mm: {counts} voxels are too many; are all lengths in mm?"]
+        if self.tracking is not None and (line := self.tracking.contradiction(limits)):
+            return [line]
         if as_in_air and (lines := in_view.unseen(self.volume, camera)):
             return lines
         nz, ny, nx = self.grid().shape

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from math import prod
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from plenopiv.experiment.tables import PositiveFloat, Table
+from plenopiv.volume import Limits
+
+MOST_VECTORS = 2e7  # of a field of tracks: some 200 bytes each while it is made
 
 
 class TrackingTable(Table):
@@ -19,6 +25,13 @@ class TrackingTable(Table):
 
     method: Literal["two-frame", "multi-frame"] = "two-frame"
     max_displacement_mm: PositiveFloat | None = None
-    wavelength_nm: PositiveFloat = 532.0
+    wavelength_nm: Annotated[float, Field(ge=100.0, le=2000.0)] = 532.0
     divergence_free: bool = True
     grid_mm: PositiveFloat | None = None
+
+    def contradiction(self, limits_mm: Limits) -> str | None:
+        """What a volume of these limits makes of ``grid_mm``, where that is no field to be made."""
+        step = self.grid_mm
+        if step is None or (vectors := prod(max((hi - lo) / step, 1.0) for lo, hi in limits_mm)) <= MOST_VECTORS:
+            return None
+        return f"tracking.grid_mm: {vectors:.2g} vectors are too many, {MOST_VECTORS:.0g} are the most; is it in mm?"

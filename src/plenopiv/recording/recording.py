@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections import Counter
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -187,8 +189,15 @@ class Recording:
 
     @property
     def names(self) -> list[str]:
-        """Of the frames, as messages and ``summary.json`` have them."""
-        return [frame.name for frame in self.frames]
+        """Of the frames, as ``summary.json`` has them: of their files, with the folder, or else the frame's number from
+        0, where others are called the same."""
+        short = [frame.name for frame in self.frames]
+        longer = [f"{frame.path.parent.name}/{frame.name}" for frame in self.frames]
+        both, out = Counter(short), list[str]()
+        of_longer = Counter(longer)
+        for k, (name, other) in enumerate(zip(short, longer, strict=True)):
+            out.append(name if both[name] == 1 else other if of_longer[other] == 1 else f"{other} ({k})")
+        return out
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -210,8 +219,15 @@ class Recording:
         Raises:
             PlenoPIVError: no pair can be read.
         """
+        return self._readable_of(self.pairs)
+
+    def last_readable_pair(self) -> tuple[tuple[int, int], dict[int, str]]:
+        """The last pair, as ``first_readable_pair``."""
+        return self._readable_of(self.pairs[::-1])
+
+    def _readable_of(self, pairs: Sequence[tuple[int, int]]) -> tuple[tuple[int, int], dict[int, str]]:
         bad = dict(self.damaged)
-        for pair in self.pairs:
+        for pair in pairs:
             try:
                 for k in pair:
                     self.frame(k)

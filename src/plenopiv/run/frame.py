@@ -36,7 +36,7 @@ Taken = TypeVar("Taken", bound=OfAFrame)
 class Frame:
     """A frame of a recording, reconstructed: its number from 0, where it came from, its upright image in counts
     without static light, the share of its light that the volume does not explain (``unexplained_share``), its entry in
-    the manifest, what was warned of, and the static light where it will be reconstructed again."""
+    the manifest, what was warned of, and the static light where it is asked for."""
 
     number: int
     source: ImageSource
@@ -77,8 +77,11 @@ class LostFrame:
     warned: tuple[str, ...] = ()
 
 
-def reconstructed(chain: Chain, recording: Recording, number: int, progress: Progress) -> Frame:
-    """Frame ``number`` (from 0) of a recording.
+def reconstructed(
+    chain: Chain, recording: Recording, number: int, progress: Progress, with_static: bool = False
+) -> Frame:
+    """Frame ``number`` (from 0) of a recording. ``with_static``: its static light is kept, as where it will be
+    reconstructed again.
 
     Raises:
         PlenoPIVError: its image cannot be used, or shows no particles.
@@ -91,8 +94,8 @@ def reconstructed(chain: Chain, recording: Recording, number: int, progress: Pro
     left = None
     if isinstance(chain.projection, PlenopticProjector):
         left = unexplained_share(chain.projection, found.volume, light, found.noise)
-    again = static if chain.reconstruction.motion_tracking else None
-    return Frame(number, source, light, found, left, entry | {"sha256": of_image(light)}, static=again)
+    kept = static if with_static or chain.reconstruction.motion_tracking else None
+    return Frame(number, source, light, found, left, entry | {"sha256": of_image(light)}, static=kept)
 
 
 def taken_or_lost(recording: Recording, number: int, take: Callable[[], Taken]) -> Taken | LostFrame:

@@ -10,7 +10,9 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
+
+from numpy.typing import NDArray
 
 from plenopiv.calibration import LatticeFit
 from plenopiv.cameras.space_map import SpaceMap
@@ -18,7 +20,7 @@ from plenopiv.checks import CheckResult, Finding, PairCheck, check, common, expl
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
 from plenopiv.recording import Recording
-from plenopiv.run.frame import Frame, Progress
+from plenopiv.run.frame import Progress
 from plenopiv.run.space import grid_of
 
 if TYPE_CHECKING:
@@ -26,6 +28,22 @@ if TYPE_CHECKING:
 
 OF_FRAMES = {"underexposed", "overexposed", "flipped", "other-camera", "same-frame", "partly-dark"}
 FORCE = "--force (force=True in Python) goes on all the same"
+
+
+class Judged(Protocol):
+    """A frame that is judged with the other one of its pair."""
+
+    @property
+    def name(self) -> str:
+        """As messages have it."""
+
+    @property
+    def image(self) -> NDArray:
+        """Upright, in counts, without static light."""
+
+    @property
+    def unexplained(self) -> float | None:
+        """Share of its light that the volume does not explain; None where that is not known."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +55,7 @@ class PairJudge:
     check: PairCheck
     known: tuple[str, ...] = ()
 
-    def of_images(self, before: Frame, after: Frame) -> tuple[list[Finding], str | None]:
+    def of_images(self, before: Judged, after: Judged) -> tuple[list[Finding], str | None]:
         """Findings that are not good on the frames of a pair, and why it cannot be measured, if so."""
         names = (printable(before.name), printable(after.name))
         found: list[Finding] = []

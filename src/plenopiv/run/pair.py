@@ -137,7 +137,7 @@ class Job:
         record.findings += map(asdict, found)
         if record.set_aside is not None:
             return record
-        record.summaries = {frame.name: frame.summary() for frame in (before, after)}
+        record.summaries = {self.recording.names[frame.number]: frame.summary() for frame in (before, after)}
         if self.chain.reconstruction.motion_tracking:
             return self._measured(record, partial(self._together, before, after, progress), progress)
         return self.measured(record, before.found.volume, after.found.volume, progress)
@@ -240,15 +240,20 @@ def volume_file(recording: Recording, number: int) -> str:
 def numbers_of(velocity: xarray.Dataset, voxel_mm: tuple[float, float, float], dt_s: float) -> dict[str, Any]:
     """Of a field: how many vectors, replaced ones and those in a body; the median ratio of peaks; the largest
     displacement (voxels along x, y, z) and velocity (m/s)."""
-    largest = {name: float(np.nanmax(np.abs(velocity[name].values))) for name in "uvw"}
-    speed = np.sqrt(velocity.u**2 + velocity.v**2 + velocity.w**2)
     return {
         "vectors": int(velocity.valid.size),
         "replaced": int(replaced(velocity).sum()),
         "inside_body": vectors_inside_body(velocity),
         "median_peak_ratio": float(np.nanmedian(velocity.peak_ratio.values)),
-        "largest_displacement_voxels": [
-            1e3 * dt_s * largest[name] / d for name, d in zip("uvw", voxel_mm, strict=True)
-        ],
+        **largest(velocity, voxel_mm, dt_s),
+    }
+
+
+def largest(velocity: xarray.Dataset, voxel_mm: tuple[float, float, float], dt_s: float) -> dict[str, Any]:
+    """Of a field, or of tracks: the largest displacement (voxels along x, y, z) and velocity (m/s)."""
+    most = [float(np.nanmax(np.abs(velocity[name].values))) for name in "uvw"]
+    speed = np.sqrt(velocity.u**2 + velocity.v**2 + velocity.w**2)
+    return {
+        "largest_displacement_voxels": [1e3 * dt_s * each / d for each, d in zip(most, voxel_mm, strict=True)],
         "largest_velocity_m_s": float(np.nanmax(speed.values)),
     }

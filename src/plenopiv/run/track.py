@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
@@ -23,6 +24,7 @@ from plenopiv.chain import Chain
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.experiment.tracking_table import TrackingTable
+from plenopiv.io.aside import told_of
 from plenopiv.io.manifest import hash_of, is_whole
 from plenopiv.io.netcdf import read_velocity
 from plenopiv.io.output import plain
@@ -35,9 +37,9 @@ from plenopiv.run.calibrated import calibrated_chain
 from plenopiv.run.cluster import on_cluster
 from plenopiv.run.frame import LostFrame, Progress
 from plenopiv.run.inputs import stated_inputs, with_calibration
-from plenopiv.run.judged import warnings_of
+from plenopiv.run.judged import Judgement, Told, judged
 from plenopiv.run.log import Clock, kept_warnings
-from plenopiv.run.pair import PairRecord
+from plenopiv.run.pair import PairRecord, largest
 from plenopiv.run.plan import plan
 from plenopiv.run.series import keep_unchanged
 from plenopiv.run.stored import times_of
@@ -48,6 +50,7 @@ from plenopiv.run.track_sequence import METHOD, SequenceJob, check_sequence
 from plenopiv.run.track_smooth import SmoothSequence, source
 from plenopiv.run.versions import versions
 from plenopiv.run.workers import Pool, Workers, started
+from plenopiv.run.written import not_in_images
 from plenopiv.tracking.covariance import TOGETHER
 from plenopiv.tracking.tracks import joined
 from plenopiv.volume import VoxelGrid
@@ -79,15 +82,17 @@ def track(
     progress: Progress | None = None,
     overwrite: bool = False,
     workers: Workers | int | None = None,
+    force: bool = False,
 ) -> TrackResult:
     """Find the particles of all frames, link those of each pair, make the fields of the links, and write tracks.nc and
     the folder tracking into the output folder. ``workers``: processes of Dask that do it, to the same bits, or how many
-    on this machine; by default this process does.
+    on this machine; by default this process does. ``force``: a recording that the checks call unusable is tracked
+    all the same, and says ``quality = "forced"``.
 
     Raises:
-        PlenoPIVError: an input cannot be used; no pair can be tracked; there are tracks of other inputs, or of which
-            nothing says what they are made of, and ``overwrite`` is not given; workers for the frames of a sequence,
-            which are tracked one after the other. What was finished before is kept.
+        PlenoPIVError: an input cannot be used; the recording is unusable, or no pair can be tracked; there are tracks
+            of other inputs, or of which nothing says what they are made of, and ``overwrite`` is not given; workers
+            for the frames of a sequence, which are tracked one after the other. What was finished before is kept.
     """
     report = progress or (lambda stage, done, total: None)
     path, clock = experiment.output_directory / FILE, Clock()
@@ -110,14 +115,16 @@ def track(
         recording = experiment.recording()
         if table.method == METHOD:
             check_sequence(recording)
-        inputs = stated_inputs(experiment, recording, False) | {"tracking": table.model_dump(exclude_none=True)}
+        inputs = stated_inputs(experiment, recording, force) | {"tracking": table.model_dump(exclude_none=True)}
         folder.begin(inputs)
-        with clock("calibration"):
+        with clock("check"):
             target = target_calibration(experiment, recording, progress=report)
             space = of_experiment.space_of(experiment, recording)
             of_experiment.check_view(experiment, target.camera if target else experiment.camera(), space)
+            judgement = judged(experiment, recording, force, report, space)
+        with clock("calibration"):
             stage = partial(report, "static light of the frames")
-            chain, recording, _ = calibrated_chain(experiment, recording, None, stage, space, target)
+            chain, recording, _ = calibrated_chain(experiment, recording, judgement.lattice, stage, space, target)
         inputs = with_calibration(inputs, chain, recording)
         folder.settle(inputs)
         keep_unchanged(folder, recording)
@@ -133,10 +140,11 @@ def track(
         _tell_memory(tracker, pool)
         records: Iterator[PairRecord]
         if table.method == METHOD:
-            job = SequenceJob(tracker, table, folder, clock, report)
+            job = SequenceJob(tracker, table, judgement.pairs, folder, clock, report)
             left, records = job.left, job.records(job.left)
         else:
-            pairs = TrackJob(replace(tracker), table, folder.work, source())  # anew: without what it has computed
+            anew = replace(tracker)  # without what it has computed
+            pairs = TrackJob(anew, table, judgement.pairs, folder.work, source())
             left = [number for number in range(count) if number not in folder.finished]
             if pool is None:
                 records = _in_turn(pairs, left, clock, report)
@@ -144,10 +152,11 @@ def track(
                 records = until_tracked.enter_context(closing(on_cluster(pairs, left, pool, clock, None)))
         if len(left) > 1:
             report("pairs", 0, len(left))
+        told = Told(judgement.findings, [str(one.message) for one in caught])
         try:
             for done, record in enumerate(records, 1):
                 kept = folder.store(record.content(), record.files)
-                for line in dict.fromkeys(warnings_of(kept)):
+                for line in told.add(kept):
                     warnings.warn(line, PlenoPIVWarning, stacklevel=2)
                 if len(left) > 1:
                     report("pairs", done, len(left))
@@ -157,7 +166,7 @@ def track(
                 log.info("%d of %d pairs are finished and kept; the same command goes on from there", done, count)
             raise
         said = [str(one.message) for one in caught]
-        summary = _put_together(folder, recording, chain, table, path, said, clock, inputs, report)
+        summary = _put_together(folder, recording, chain, table, judgement, path, said, clock, inputs, report)
     return TrackResult(path, path.parent / FOLDER / "velocity.nc", summary)
 
 
@@ -183,6 +192,7 @@ def _put_together(
     recording: Recording,
     chain: Chain,
     table: TrackingTable,
+    judgement: Judgement,
     path: Path,
     said: Sequence[str],
     clock: Clock,
@@ -204,26 +214,33 @@ def _put_together(
         smooth = _smooth(folder, recording, table)
     if smooth is not None:
         with clock("links and field"):
-            fields = smooth.write_fields([record["pair"] for record in tracked], folder, chain, table, report)
+            quality = {record["pair"]: judgement.pairs.quality(record["findings"]) for record in tracked}
+            fields = smooth.write_fields(quality, folder, chain, table, report)
             files += [pair_file(number) for number in fields]
     elif len(records) > 1:
         fields = {record["pair"]: folder.there(pair_file(record["pair"])) for record in tracked}
+    said_of_all = judgement.summary(records)
     if len(records) > 1:
         like = read_velocity(next(iter(fields.values())))
         like.attrs = {key: value for key, value in like.attrs.items() if key not in OF_A_PAIR}
-        write_series(folder.path("velocity.nc"), like, times_of(recording), fields, {})
+        write_series(folder.path("velocity.nc"), like, times_of(recording), fields, {"quality": said_of_all["quality"]})
         files.append("velocity.nc")
-    write_tracks(path, _tracks(folder, recording, chain.grid, smooth))
+    moved = [
+        largest(read_velocity(each), chain.grid.voxel_mm, recording.dt_s)
+        for each in fields.values() or [folder.there("velocity.nc")]
+    ]
+    tracks = _tracks(folder, recording, chain.grid, smooth)
+    tracks.attrs["quality"] = said_of_all["quality"]
+    staged = folder.directory / f".{FILE}.part"  # the old ones stay until all else is there
+    write_tracks(staged, tracks)
+    names = recording.names
     particles = {
-        entry["name"]: n for r in tracked for entry, n in zip(r["frames"], r["numbers"]["particles"], strict=True)
+        names[k]: n for r in tracked for k, n in zip(recording.pairs[r["pair"]], r["numbers"]["particles"], strict=True)
     }
     summary = {
+        "not_in_images": not_in_images(moved, recording),
         "pairs": len(records),
-        "set_aside": [
-            {"pair": r["pair"], "frames": [entry["name"] for entry in r["frames"]], "reason": r["set_aside"]}
-            for r in records
-            if r["set_aside"] is not None
-        ],
+        **said_of_all,
         "particles": particles,
         "linked": [r["numbers"].get("linked", 0) for r in records],
         "median_std_mm": np.median([r["numbers"]["median_std_mm"] for r in tracked], 0).tolist(),
@@ -233,10 +250,12 @@ def _put_together(
         "seconds": clock.seconds,
         "peak_gb": clock.peak_gb,
         "inputs_sha256": folder.depends,
-        "tracks_sha256": hash_of(path),
+        "tracks_sha256": hash_of(staged),
     }
     folder.write_text("summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
     folder.publish(files, inputs)
+    with told_of(path):
+        os.replace(staged, path)
     return summary
 
 
@@ -258,7 +277,7 @@ def _tracks(
     tracks.attrs |= {
         "Conventions": "CF-1.11",
         "title": "Particles and their tracks",
-        "frames": [f"{k}: {recording.frames[k].name}" for k in numbers],
+        "frames": [f"{k}: {recording.names[k]}" for k in numbers],
     }
     return tracks
 

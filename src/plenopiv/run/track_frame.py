@@ -16,8 +16,9 @@ from plenopiv.chain import Chain
 from plenopiv.displacement.field import DisplacementField
 from plenopiv.errors import PlenoPIVError
 from plenopiv.recording import Recording
-from plenopiv.run.frame import Progress
+from plenopiv.run.frame import Frame, Progress, reconstructed
 from plenopiv.run.inputs import frame_entry, of_image
+from plenopiv.run.judged import Judged
 from plenopiv.tracking.frame import FrameParticles, particles_of_frame, particles_of_second_frame
 from plenopiv.tracking.frame import Progress as Steps
 from plenopiv.tracking.light import PointLights, diffraction_px
@@ -39,29 +40,60 @@ AROUND = 4  # voxels beyond the volume in which particles count as its own
 
 @dataclass(frozen=True)
 class TrackedFrame:
-    """A frame's number from 0, volume, particles in the frame of the chain's grid, entry in the manifest, standard
-    deviation of a dark pixel in counts, what was warned of, and the displacement that correlation found between the
-    first frame of its pair and this one, where that was asked for."""
+    """A reconstructed frame, its particles in the frame of the chain's grid, what was warned of, and the displacement
+    that correlation found between the first frame of its pair and this one, where that was asked for."""
 
-    number: int
-    volume: SparseVolume
+    frame: Frame
     particles: FrameParticles
-    entry: dict[str, Any]
-    dark: float
     warned: tuple[str, ...] = ()
     moved: DisplacementField | None = None
+
+    @property
+    def number(self) -> int:
+        """From 0."""
+        return self.frame.number
+
+    @property
+    def volume(self) -> SparseVolume:
+        """That it was reconstructed to."""
+        return self.frame.found.volume
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """In the manifest."""
+        return self.frame.entry
+
+    @property
+    def dark(self) -> float:
+        """Standard deviation of a dark pixel in counts."""
+        return self.frame.found.noise.dark
+
+    @property
+    def shown(self) -> Judged:
+        """What it is judged by."""
+        return self.frame
 
 
 @dataclass(frozen=True)
 class PredictedFrame:
-    """A frame whose particles began where they were predicted: as ``TrackedFrame``, without a volume; ``origin`` (n,):
-    which of the predicted ones each is, -1 for those that were found."""
+    """A frame whose particles began where they were predicted, without a volume: its image, its particles as of a
+    ``TrackedFrame``, and ``origin`` (n,): which of the predicted ones each is, -1 for those that were found."""
 
-    number: int
+    shown: ImageOfFrame
     particles: FrameParticles
     origin: NDArray[np.int64]
     entry: dict[str, Any]
     warned: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ImageOfFrame:
+    """A frame that was not reconstructed, as it is judged: its ``name``, and its upright ``image`` in counts without
+    static light."""
+
+    name: str
+    image: NDArray
+    unexplained: float | None = None
 
 
 @dataclass(frozen=True)
@@ -106,22 +138,20 @@ class FrameTracker:
         Raises:
             PlenoPIVError: its image cannot be used, or shows no particles.
         """
-        source, chain = self.recording.frames[number], self.chain
-        entry = frame_entry(source, None)  # before it is read: a file that is replaced later is then another one
-        image, static = self.recording.light(number)
-        behind = None if static is None else [static]
-        made = chain.reconstruct([image], source.name, partial(report, f"reconstruction of {source.name}"), behind)
-        known = None if expected is None else expected(made.volume)
-        pixels = self.pixels(image, made.noise.dark, static)
-        stage, limits = partial(report, f"particles of {source.name}"), self.limits(chain.lens_grid)
+        chain = self.chain
+        made = reconstructed(chain, self.recording, number, report, with_static=True)
+        volume, name = made.found.volume, made.name
+        known = None if expected is None else expected(volume)
+        pixels = self.pixels(made.image, made.found.noise.dark, made.static)
+        stage, limits = partial(report, f"particles of {name}"), self.limits(chain.lens_grid)
         particles = None if known is None else self._expected(pixels, *known, limits, stage)
         if particles is None:
-            particles = particles_of_frame(self.of_points, pixels, *peaks(made.volume), limits, stage)
+            particles = particles_of_frame(self.of_points, pixels, *peaks(volume), limits, stage)
         if chain.space is not None:
             particles = in_laboratory(particles, chain.space)
             # lens space is a box around the volume's image
             particles = particles.of(within(particles.position_mm, self.limits(chain.grid)))
-        return TrackedFrame(number, made.volume, particles, entry | {"sha256": of_image(image)}, made.noise.dark)
+        return TrackedFrame(replace(made, static=None), particles)
 
     def _expected(
         self, pixels: Pixels, position_mm: Array, light: Array, limits: Limits, stage: Steps
@@ -174,7 +204,8 @@ class FrameTracker:
             found = in_laboratory(found, chain.space)
             inside = within(found.position_mm, self.limits(chain.grid))
             found, origin = found.of(inside), origin[inside]
-        return PredictedFrame(number, found, origin, entry | {"sha256": of_image(image)})
+        shown = ImageOfFrame(source.name, image)
+        return PredictedFrame(shown, found, origin, entry | {"sha256": of_image(image)})
 
 
 def around(grid: VoxelGrid) -> Limits:

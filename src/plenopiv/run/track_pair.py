@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from plenopiv.io.series_file import pair_file
 from plenopiv.io.tracks_file import write_tracks
 from plenopiv.recording import Recording
 from plenopiv.run.frame import LostFrame, Progress, taken_or_lost
+from plenopiv.run.judged import PairJudge
 from plenopiv.run.pair import PairRecord, given_up, path_in
 from plenopiv.run.track_field import of_links, velocity_of_tracks
 from plenopiv.run.track_frame import FrameTracker, TrackedFrame, own, own_tracks
@@ -38,11 +39,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TrackJob:
-    """What tracks every pair of a recording and writes it below ``folder``. ``while_there``: on a worker, the file
-    without which the run has ended, and nothing is written."""
+    """What tracks every pair of a recording, judges it and writes it below ``folder``. ``while_there``: on a worker,
+    the file without which the run has ended, and nothing is written."""
 
     tracker: FrameTracker
     table: TrackingTable
+    judge: PairJudge
     folder: Path
     source: str
     while_there: Path | None = None
@@ -114,6 +116,10 @@ class TrackJob:
             if only:
                 raise PlenoPIVError(record.set_aside)
             return record
+        found, record.set_aside = self.judge.of_images(before.shown, after.shown)
+        record.findings += map(asdict, found)
+        if record.set_aside is not None:
+            return record
         first, second = before.particles, after.particles
         with record.measuring(only):
             moved = after.moved
@@ -128,8 +134,9 @@ class TrackJob:
             [(before.number, first), (after.number, second)], [(before.number, after.number, links)], dt_s
         )
         tracks = own_tracks(tracks, chain.grid)
-        tracks.attrs |= {"dt_s": dt_s, "source": self.source, "frame": chain.frame}
-        velocity.attrs["source"] = self.source
+        said = {"source": self.source, "quality": self.judge.quality(record.findings)}
+        tracks.attrs |= {"dt_s": dt_s, "frame": chain.frame} | said
+        velocity.attrs |= said
         name, field = tracks_file(number), "velocity.nc" if only else pair_file(number)
         write_tracks(path_in(self.folder, name, self.while_there), tracks)
         write_velocity(path_in(self.folder, field, self.while_there), velocity)

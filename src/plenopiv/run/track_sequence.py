@@ -8,7 +8,7 @@ a frame needs of earlier ones, positions, tracks and noise, is in their files.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,9 +22,10 @@ from plenopiv.io.particles_file import read_particles, write_particles
 from plenopiv.io.series_folder import SeriesFolder
 from plenopiv.recording import Recording
 from plenopiv.run.frame import LostFrame, Progress, taken_or_lost
+from plenopiv.run.judged import Judged, PairJudge
 from plenopiv.run.log import Clock
 from plenopiv.run.pair import PairRecord
-from plenopiv.run.track_frame import FrameTracker, PredictedFrame, TrackedFrame, own
+from plenopiv.run.track_frame import FrameTracker, ImageOfFrame, PredictedFrame, TrackedFrame, own
 from plenopiv.run.track_pair import linked
 from plenopiv.tracking.follow import FEWEST, followed
 from plenopiv.tracking.frame import FrameParticles
@@ -63,15 +64,17 @@ def check_sequence(recording: Recording) -> None:
 
 @dataclass
 class SequenceJob:
-    """Tracks the frames of a sequence into the ``folder`` of its results."""
+    """Tracks the frames of a sequence into the ``folder`` of its results, and judges its pairs."""
 
     tracker: FrameTracker
     table: TrackingTable
+    judge: PairJudge
     folder: SeriesFolder
     clock: Clock
     report: Progress
     past: list[KeptFrame] = field(default_factory=list)  # the last frames
     volume: tuple[int, SparseVolume] | None = None  # the last frame's number and volume, if it was reconstructed
+    shown: dict[int, Judged] = field(default_factory=dict)  # the last frames, by number, as they are judged
 
     @property
     def left(self) -> list[int]:
@@ -106,6 +109,9 @@ class SequenceJob:
                 if isinstance(one, LostFrame):
                     record.set_aside = one.reason
             if record.set_aside is None:
+                found, record.set_aside = self.judge.of_images(self.shown[number], self.shown[number + 1])
+                record.findings += map(asdict, found)
+            if record.set_aside is None:
                 record.numbers |= self._numbers(number, count)
             yield record
             before, files, said = after, [], []
@@ -114,6 +120,9 @@ class SequenceJob:
         """Read the frames before ``number`` and itself, as far as the next one needs them."""
         kept = frames_kept(self.folder, range(max(number - FRAMES, 0), number + 1))
         self.past += [read_frame(path, k) for k, path in kept.items()]
+        if number in kept:
+            recording = self.tracker.recording
+            self.shown[number] = ImageOfFrame(recording.frames[number].name, recording.light(number)[0])
 
     def _frame(self, number: int, record: PairRecord) -> tuple[LostFrame | dict[str, Any], list[str], list[str], int]:
         """Frame ``number``: why it was lost, or its entry in the manifest; files, what was warned of, and how many of
@@ -137,6 +146,7 @@ class SequenceJob:
         kept = KeptFrame(SeenFrame(number, found.particles, tracks), dark, unused)
         before = next((one.seen.track for one in self.past if one.seen.number == number - 1), np.empty(0))
         self.past = [*self.past[1 - FRAMES :], kept]
+        self.shown = {k: each for k, each in self.shown.items() if k == number - 1} | {number: found.shown}
         name = frame_file(number)
         write_frame(self.folder.path(name), kept)
         goes_on = np.isin(tracks, before) & own(found.particles.position_mm, self.tracker.chain.grid)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -62,15 +62,16 @@ class SmoothSequence:
         return out
 
     def write_fields(
-        self, pairs: Sequence[int], folder: SeriesFolder, chain: Chain, table: TrackingTable, report: Progress
+        self, pairs: Mapping[int, str], folder: SeriesFolder, chain: Chain, table: TrackingTable, report: Progress
     ) -> dict[int, Path]:
-        """Write the field of each of the ``pairs`` from the tracks half way between its frames; the files.
+        """Write the field of each of the ``pairs``, whose quality is given, from the tracks half way between its
+        frames; the files.
 
         Raises:
             PlenoPIVError: a file cannot be written, or there are too few tracks between all frames.
         """
         out, why = dict[int, Path](), None
-        for number in pairs:
+        for number, quality in pairs.items():
             tracks, time_s = between(self.found, number), self.recording.mid_time_s(number)
             stage = partial(report, f"field {number + 1} of the tracks")
             try:
@@ -79,7 +80,7 @@ class SmoothSequence:
                 why = error
                 warnings.warn(f"pair {number}: no field of its tracks: {error}", PlenoPIVWarning, stacklevel=2)
                 continue
-            velocity.attrs["source"] = source()
+            velocity.attrs |= {"source": source(), "quality": quality}
             out[number] = folder.path(pair_file(number))
             write_velocity(out[number], velocity)
         if not out and why is not None:

@@ -53,7 +53,7 @@ def summary_of(
     vectors = sum(field["vectors"] for field in fields)
     inside = [field["inside_body"] for field in fields if field["inside_body"] is not None]
     return {
-        "not_in_images": _not_in_images(fields, recording),
+        "not_in_images": not_in_images(fields, recording),
         "plenopiv": plenopiv.__version__,
         "versions": versions() | dict(plan.chain.device.versions),
         "device": plan.chain.device.stated,
@@ -80,7 +80,7 @@ def summary_of(
     }
 
 
-def _not_in_images(fields: Sequence[Mapping[str, Any]], recording: Recording) -> dict[str, Any]:
+def not_in_images(fields: Sequence[Mapping[str, Any]], recording: Recording) -> dict[str, Any]:
     """What no image can tell, to be compared with what is known of the experiment: the largest displacement (voxels
     along x, y, z) and velocity (m/s), the time between pulses and the orientation that both rest on."""
     moved = np.max([field["largest_displacement_voxels"] for field in fields], axis=0)
