@@ -2,6 +2,7 @@
 
 import tomllib
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,7 +50,7 @@ def folder(tmp_path):
 
 
 def write(path, seed):
-    path.parent.mkdir(exist_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
     tifffile.imwrite(path, np.random.default_rng(seed).integers(0, 9, (ROWS, COLUMNS)).astype(np.uint16))
 
 
@@ -76,6 +77,45 @@ def test_a_changed_image_is_noticed(folder, name):
     assert [len(was.items() ^ found.items()) for was, found in zip(before, now, strict=True)] == [2, 2]
     write(folder / "a.tif", 99)
     assert target.inputs_of(*opened(folder)) == now[0]
+
+
+NUMBERED = {  # by a camera, in each folder from 1
+    "white": "white/1.tif", "dark": "dark/1.tif", "mask": "mask/1.tif", "background": ["glow/a/1.tif", "glow/b/1.tif"],
+    "frames": ["flow/1.tif", "flow/2.tif"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "name", ["white/1.tif", "dark/1.tif", "mask/1.tif", "glow/a/1.tif", "glow/b/1.tif", "dots/1.tif"]
+)
+def test_a_changed_image_is_noticed_where_others_have_its_name(folder, name):
+    tables = tomllib.loads((folder / "experiment.toml").read_text())
+    tables["recording"] |= NUMBERED
+    tables["calibration"]["planes"] = [{"image": f"dots/{k}.tif", "z_mm": float(k)} for k in (1, 2)]
+    named = ("white/1", "dark/1", "mask/1", "glow/a/1", "glow/b/1", "dots/1", "dots/2", "flow/1", "flow/2")
+    for k, image in enumerate(named):
+        write(folder / f"{image}.tif", k)
+    (folder / "experiment.toml").write_text(tomli_w.dumps(tables))
+    before = target.inputs_of(*opened(folder)), calibrating_files(*opened(folder))
+    write(folder / name, 99)
+    now = target.inputs_of(*opened(folder)), calibrating_files(*opened(folder))
+    of_camera = not name.startswith("glow")  # static light has no part in a calibration
+    changed = [len(was.items() ^ found.items()) for was, found in zip(before, now, strict=True)]
+    assert changed == [2 * of_camera, 2]
+
+
+def test_its_own_name_is_enough_for_a_file_where_no_other_has_it(folder):
+    """As in results and calibrations of before, which stay valid; one file may serve twice."""
+    whole = {"white.tif", "dark.tif", "mask.tif", "target.tif (1)", "target.tif (2)", "middle.tif"}
+    experiment, recording = opened(folder)
+    assert calibrating_files(experiment, recording).keys() == whole
+    assert whole - {"mask.tif"} < target.inputs_of(experiment, recording).keys()
+    twice = replace(recording, background_paths=(folder / "dark.tif",))
+    assert calibrating_files(experiment, twice).keys() == whole
+    write(folder / "glow" / "dark.tif", 98)
+    other = replace(recording, background_paths=(folder / "glow" / "dark.tif",))
+    apart = {"dark.tif (dark)", "dark.tif (background 1)"}
+    assert calibrating_files(experiment, other).keys() == whole - {"dark.tif"} | apart
 
 
 @pytest.mark.parametrize("changed", [{"pitch_mm": 0.61}, {"step_mm": 0.5}, {"x_dot_mm": 0.3}])

@@ -6,6 +6,7 @@ Two runs of the same inputs give the same bits, so pairs that one has finished a
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -48,14 +49,26 @@ def stated_inputs(experiment: Experiment, recording: Recording, force: bool, dev
 
 def calibrating_files(experiment: Experiment, recording: Recording) -> dict[str, str | None]:
     """Hashes of the images that calibrate, of target, mask and body, by name; None of a file that cannot be read."""
-    paths = [recording.white_path, *recording.calibration_paths]
-    paths += [recording.mask] if isinstance(recording.mask, Path) else []
-    paths += [experiment.folder / experiment.volume.body] if experiment.volume.body else []
-    files = [(path.name, path) for path in paths if path is not None]
+    files = {
+        "white": recording.white_path,
+        "dark": recording.dark_path,
+        **{f"background {k + 1}": path for k, path in enumerate(recording.background_paths)},
+        "mask": recording.mask if isinstance(recording.mask, Path) else None,
+        "body": experiment.folder / experiment.volume.body if experiment.volume.body else None,
+    }
+    return {name: _of_file(path) for name, path in with_target(experiment, files).items()}
+
+
+def with_target(experiment: Experiment, files: Mapping[str, Path | None]) -> dict[str, Path]:
+    """Files, given by what they are, and the images of the target, by name: the file's, and with what it is where
+    another file has that name too, as where a camera numbers the images of each folder from 1."""
+    named = [(path.name, what, path) for what, path in files.items() if path is not None]
     if experiment.calibration is not None:
         images = [plane.image for plane in experiment.calibration.planes]
-        files += zip(names_of(images), (experiment.folder / image for image in images), strict=True)
-    return {name: _of_file(path) for name, path in files}
+        of_target = zip(names_of(images), images, strict=True)
+        named += [(name, "target", experiment.folder / image) for name, image in of_target]
+    having = Counter(name for name, _ in {(name, path) for name, _, path in named})
+    return {name if having[name] == 1 else f"{name} ({what})": path for name, what, path in named}
 
 
 def names_of(images: Sequence[str]) -> list[str]:

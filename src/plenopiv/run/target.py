@@ -24,7 +24,7 @@ from plenopiv.lightfield import decode, layout
 from plenopiv.reconstruction.noise import counts_per_electron
 from plenopiv.recording import Recording
 from plenopiv.recording.sources import only_source
-from plenopiv.run.inputs import names_of
+from plenopiv.run.inputs import with_target
 
 FILE = "calibration.toml"
 METHOD = 2  # of the fit: another number makes calibrations of before invalid
@@ -115,9 +115,7 @@ def inputs_of(experiment: Experiment, recording: Recording) -> dict[str, str]:
     keys = {key: value for key, value in tables["calibration"].items() if key not in LATER}
     keys["planes"] = [plane.z_mm for plane in planes]  # wherever their images lie
     mask = recording.mask
-    files = {path.name: path for path in (recording.white_path, recording.dark_path) if path is not None}
-    images = [plane.image for plane in planes]
-    files |= zip(names_of(images), (experiment.folder / image for image in images), strict=True)
+    files = with_target(experiment, {"white": recording.white_path, "dark": recording.dark_path})
     return {
         "method": str(METHOD),
         "[camera]": _hash(tables["camera"]),
