@@ -4,6 +4,7 @@ import tomllib
 import warnings
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 import tifffile
@@ -116,6 +117,27 @@ def test_its_own_name_is_enough_for_a_file_where_no_other_has_it(folder):
     other = replace(recording, background_paths=(folder / "glow" / "dark.tif",))
     apart = {"dark.tif (dark)", "dark.tif (background 1)"}
     assert calibrating_files(experiment, other).keys() == whole - {"dark.tif"} | apart
+
+
+def test_a_changed_data_set_is_noticed_and_frames_beside_it_are_not(folder):
+    images = np.random.default_rng(0).integers(0, 9, (4, ROWS, COLUMNS)).astype(np.uint16)
+    with h5py.File(folder / "all.h5", "w") as file:
+        file["white"], file["camera/dark"] = images[:2]
+        file.create_dataset("frames", data=images[2:], maxshape=(None, ROWS, COLUMNS))
+    named = {"white": "all.h5::white", "dark": "all.h5::camera/dark", "frames": "all.h5::frames"}
+    tables = tomllib.loads((folder / "experiment.toml").read_text())
+    tables["recording"] |= named
+    (folder / "experiment.toml").write_text(tomli_w.dumps(tables))
+    before = calibrating_files(*opened(folder))
+    assert None not in before.values()
+    with h5py.File(folder / "all.h5", "a") as file:
+        file["frames"].resize(3, axis=0)
+        file["frames"][2] = images[0]
+    assert calibrating_files(*opened(folder)) == before
+    with h5py.File(folder / "all.h5", "a") as file:
+        file["white"][0, 0] += 1
+    now = calibrating_files(*opened(folder))
+    assert {name for name in now if now[name] != before[name]} == {"all.h5::white"}
 
 
 @pytest.mark.parametrize("changed", [{"pitch_mm": 0.61}, {"step_mm": 0.5}, {"x_dot_mm": 0.3}])

@@ -23,6 +23,7 @@ from plenopiv.io.camera_tables import tables_of
 from plenopiv.io.manifest import digest_of, sha256
 from plenopiv.io.output import plain
 from plenopiv.recording import ImageSource, Recording
+from plenopiv.recording.formats import split
 from plenopiv.run.versions import versions
 
 COMPUTING = ("plenopiv", "numpy", "scipy", "numba", "llvmlite")  # libraries whose version may change bits
@@ -151,9 +152,11 @@ def changed_frame(recording: Recording, record: Mapping[str, Any]) -> str | None
     return None
 
 
-def _of_file(path: Path) -> str | None:
-    """Hash of a file; None where it cannot be read, which is told when it is used."""
+def _of_file(name: Path) -> str | None:
+    """Hash of a file, or of an HDF5 file's data set alone, as frames may be added beside it; None where it cannot be
+    read, which is told when it is used."""
+    path, dataset = split(name)
     try:
-        return sha256(path)
-    except OSError:
+        return of_image(ImageSource(path, dataset=dataset).values()) if dataset else sha256(path)
+    except (OSError, PlenoPIVError):
         return None
