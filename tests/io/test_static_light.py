@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import tifffile
 
+from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import layout
 from plenopiv.reconstruction.noise import Noise, noise_of
 from plenopiv.recording import Recording
@@ -54,6 +55,22 @@ def test_each_pulse_has_its_own_static_light(tmp_path):
     for k in range(4):
         left = recording.light(k)[0] - SENSOR.black_level - particles
         assert abs(np.median(left)) < 1.0
+
+
+def test_two_background_images_are_those_of_pairs(tmp_path):
+    """Two frames are a pair; of three, the one in the middle is first and second, and has no pulse."""
+    for k, name in enumerate(("a", "b", "c", "bg_a", "bg_b")):
+        tifffile.imwrite(tmp_path / f"{name}.tif", scene(seed=k)[0])
+    a, b, c, bg_a, bg_b = (tmp_path / f"{name}.tif" for name in ("a", "b", "c", "bg_a", "bg_b"))
+    pair = Recording(SENSOR, (a, b), None, 1e-3, "upright", background_paths=(bg_a, bg_b))
+    assert not np.array_equal(*pair.static_light.pulses)
+    line = (
+        r"^recording\.background: two images belong to the two pulses of pairs, and the 3 frames are a sequence; name "
+        r"one image, or give the frames as recording\.pairs$"
+    )
+    with pytest.raises(PlenoPIVError, match=line):
+        Recording(SENSOR, (a, b, c), None, 1e-3, "upright", background_paths=(bg_a, bg_b))
+    Recording(SENSOR, (a, b, c), None, 1e-3, "upright", background_paths=(bg_a,))
 
 
 def test_hot_and_dead_pixels_are_no_equations():

@@ -28,16 +28,16 @@ class Recording:
 
     ``frames``: sources or plain paths. ``dt_s``: between the two frames of a pair. ``pairs``: (first, second) numbers
     of frames; empty: a sequence, frames in the order of time and ``dt_s`` apart, each with the next. ``dark_path``: an
-    image with the sensor covered. ``background_paths``: of the static light, one image, or one for each pulse.
+    image with the sensor covered. ``background_paths``: of the static light, one image, or of pairs one for each pulse.
     ``damaged``: why frames, by number, cannot be used, where others can: their pairs are lost.
     ``background_of_frames``: static light is to be estimated from the frames (``with_static_light``).
     ``mask``: an image that is 0 where pixels shall not be used, or polygons around these (``masks``).
 
     Raises:
-        PlenoPIVError: fewer than two frames; the white image among them; or a file that is missing, empty, of an
-            unknown format, truncated, in colour, or of another size or depth than the sensor; of frames, where this
-            leaves less than half of the pairs; or a mask that cannot be used. Only file headers are read for this, and
-            the mask.
+        PlenoPIVError: fewer than two frames; the white image among them; two background images of a sequence of more
+            than two; or a file that is missing, empty, of an unknown format, truncated, in colour, or of another size
+            or depth than the sensor; of frames, where this leaves less than half of the pairs; or a mask that cannot be
+            used. Only file headers are read for this, and the mask.
     """
 
     sensor: Sensor
@@ -73,6 +73,11 @@ class Recording:
             source.check(self.sensor)
         if not self.pairs:
             object.__setattr__(self, "pairs", tuple((k, k + 1) for k in range(len(frames) - 1)))
+        if self._without_pulses and len(self.background_paths) > 1:
+            raise PlenoPIVError(
+                f"recording.background: two images belong to the two pulses of pairs, and the {len(frames)} frames are "
+                "a sequence; name one image, or give the frames as recording.pairs"
+            )
         object.__setattr__(self, "damaged", self._damaged())
         _ = self.masked
 
@@ -93,6 +98,11 @@ class Recording:
     def is_sequence(self) -> bool:
         """Whether each frame follows the one before it after ``dt_s``."""
         return self.pairs == tuple((k, k + 1) for k in range(len(self.frames) - 1))
+
+    @property
+    def _without_pulses(self) -> bool:
+        """Whether frames are the second of one pair and the first of the next."""
+        return self.is_sequence and len(self) > 2
 
     @property
     def calibration_paths(self) -> tuple[Path, ...]:
@@ -184,8 +194,7 @@ class Recording:
 
     def pulse(self, k: int) -> int:
         """0 for the first pulse of a pair, 1 for the second; 0 for all frames of a sequence of more than two."""
-        lone = self.is_sequence and len(self) > 2
-        return 0 if lone else int(any(second == k for _, second in self.pairs))
+        return 0 if self._without_pulses else int(any(second == k for _, second in self.pairs))
 
     @property
     def names(self) -> list[str]:
