@@ -192,6 +192,18 @@ def test_pages_of_one_file_are_a_sequence(tmp_path, counts):
         sequence(tmp_path, "*.tif")
 
 
+@pytest.mark.parametrize("damaged", [1, 2])
+def test_of_stacks_the_one_that_is_damaged_is_named(tmp_path, counts, damaged):
+    for k in (1, 2, 3):
+        tifffile.imwrite(tmp_path / f"stack_{k}.tif", np.stack([counts, counts + 1]), photometric="minisblack")
+    bad = tmp_path / f"stack_{damaged}.tif"
+    bad.write_bytes(bad.read_bytes()[:6])
+    with pytest.raises(PlenoPIVError, match=rf"stack_{damaged}\.tif: its TIFF header cannot be read"):
+        sequence(tmp_path, "stack_*.tif")
+    with pytest.raises(PlenoPIVError, match=r"stack_4\.tif: no such file"):
+        sequence(tmp_path, ["stack_3.tif", "stack_4.tif"])
+
+
 def test_the_second_pulse_of_a_pair_is_known(tmp_path):
     touched(tmp_path, "1a.tif", "1b.tif", "2a.tif", "2b.tif")
     frames, of_pairs = pairs(tmp_path, "*{a,b}.tif")

@@ -36,10 +36,17 @@ def sequence(folder: Path, named: str | Sequence[str], leave_out: Sequence[Path]
 
 def _of_files(paths: Sequence[Path]) -> list[Frames]:
     """The images of each file. Where files hold one each, one that cannot be read counts as one too."""
-    try:
-        return [sources_of(path) for path in paths]
-    except PlenoPIVError:
-        return [(frame_source(path),) for path in paths]
+    files: list[Frames] = []
+    unread: list[PlenoPIVError] = []
+    for path in paths:
+        try:
+            files.append(sources_of(path))
+        except PlenoPIVError as error:
+            unread.append(error)
+            files.append((frame_source(path),))
+    if unread and any(len(images) > 1 for images in files):
+        raise unread[0]
+    return files
 
 
 def pairs(
