@@ -285,6 +285,27 @@ def test_the_resolved_file_is_the_same_experiment_elsewhere(tmp_path):
     assert "fine_passes" in experiment.dump_toml()
 
 
+@pytest.mark.parametrize("linked", ["results", "run7"])
+def test_the_resolved_file_finds_images_where_a_folder_is_a_link(tmp_path, linked):
+    """To another disk, one folder deeper; named through the link."""
+    disk = tmp_path / "disk" / "of" / linked
+    disk.mkdir(parents=True)
+    run = tmp_path / "run7"
+    if linked == "results":
+        run.mkdir()
+    (run / "results" if linked == "results" else run).symlink_to(disk)
+    for name in ("white.tif", "a.tif"):
+        (run / name).touch()
+    results = run / "results"
+    experiment = Experiment.from_dict(changed("recording.white", "white.tif"), run / "experiment.toml")
+    results.mkdir(exist_ok=True)
+    text = experiment.dump_toml(experiment.output_directory)
+    moved = Experiment.from_dict(tomllib.loads(text), results / "experiment.toml")
+    assert (moved.folder / moved.recording_table.white).samefile(run / "white.tif")
+    assert (moved.folder / moved.recording_table.frames[0]).samefile(run / "a.tif")
+    assert moved.output_directory.samefile(results)
+
+
 @pytest.mark.parametrize(
     ("table", "settings"), [(CorrelationTable, CorrelationSettings), (ReconstructionTable, ReconstructionSettings)]
 )

@@ -272,18 +272,19 @@ class Experiment(Table):
 
     def dump_toml(self, folder: str | Path | None = None) -> str:
         """The resolved file, every default written out but what the images decide. With ``folder``, its paths are
-        relative to that folder."""
+        relative to that folder, wherever links lead to it."""
         import tomli_w
 
         tables = self.model_dump(by_alias=True, exclude_none=True)
         tables["correlation"]["inner_window"] = self.correlation.settings().passes[-1].window
         if folder is not None:
+            here, there = self.folder.resolve(), Path(folder).resolve()  # ".." leads up from where a folder really lies
 
             def moved(name: str) -> str:
                 try:
-                    return Path(os.path.relpath(self.folder / name, folder)).as_posix()
+                    return Path(os.path.relpath(here / name, there)).as_posix()
                 except ValueError:  # another drive
-                    return str((self.folder / name).resolve())
+                    return str((here / name).resolve())
 
             recording, output = tables["recording"], tables["output"]
             for key in ("white", "frames", "pairs", "dark"):
