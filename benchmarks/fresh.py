@@ -39,7 +39,7 @@ DECISIONS = {
     "reconstruction": 62,
     "correlation": 76,
     "tracking": 80,
-    "links": 72,
+    "links": 82,
     "fields": 81,
     "statistics": 56,
     "device": 60,

@@ -86,3 +86,28 @@ def test_nothing_to_link(frames):
     empty = FrameParticles(np.empty((0, 3)), np.empty(0), np.empty((0, 4, 4)), np.empty(0), 1.0)
     assert len(link(empty, second, predictor, SCATTER_MM, 1.0).a) == 0
     assert len(link(first, empty, predictor, SCATTER_MM, 1.0).a) == 0
+
+
+@pytest.mark.parametrize("gap_mm", [0.02, 0.3])
+def test_two_that_might_be_each_other_are_not_linked(gap_mm):
+    """Pairs of particles in flow that the predictor misses by 0.05 mm: which is which is told where they are far
+    apart."""
+    rng = np.random.default_rng(1)
+    middle, along = rng.uniform(-30.0, 30.0, (300, 3)), rng.normal(size=(300, 3))
+    half = 0.5 * gap_mm * along / np.linalg.norm(along, axis=1, keepdims=True)
+    a, moves = np.concatenate([middle + half, middle - half]), np.array([0.1, -0.05, 0.2])
+    b = a + moves + 0.05 * rng.normal(size=a.shape)
+    light = np.ones(len(a))
+    links = link(
+        particles(a, light, 1),
+        particles(b, light, 2),
+        lambda at: np.broadcast_to(moves, at.shape),
+        np.full(3, 0.05),
+        1.0,
+    )
+    right = links.a == links.b
+    if gap_mm < 0.05:
+        assert len(right) < 0.1 * len(a)
+    else:
+        assert right.sum() > 0.9 * len(a)
+        assert right.mean() > 0.99

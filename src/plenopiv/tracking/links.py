@@ -206,11 +206,26 @@ def _near(place: Array, variance: Array, other: Array) -> Iterator[tuple[Int, In
 
 def _clear(a: Int, b: Int, cost: Array, chosen: NDArray[np.bool_], n: int, m: int) -> NDArray[np.bool_]:
     """Of each candidate, whether all others of both its particles cost CLEAR more, with what the partners that these
-    have would then lose."""
-    loss_a, loss_b = np.zeros(n), np.zeros(m)
-    loss_a[a[chosen]] = loss_b[b[chosen]] = GATE - cost[chosen]
-    other_a, other_b = np.full(n, GATE), np.full(m, GATE)
+    have would then lose: each takes what is left over, as where two exchange theirs, or stays alone."""
+    of_a, of_b, taken = np.full(n, -1), np.full(m, -1), np.zeros(n)
+    of_a[a[chosen]], of_b[b[chosen]], taken[a[chosen]] = b[chosen], a[chosen], cost[chosen]
     rest = ~chosen
-    np.minimum.at(other_a, a[rest], cost[rest] + loss_b[b[rest]])
-    np.minimum.at(other_b, b[rest], cost[rest] + loss_a[a[rest]])
+    first, second, instead = a[rest], b[rest], cost[rest]
+    left_a, left_b = of_b[second], of_a[first]  # who loses whom
+    found = _cost_of(a, b, cost, left_a, left_b, m)
+    alone = np.where(left_a >= 0, np.minimum(found, GATE) - taken[left_a], 0.0)
+    other_a, other_b = np.full(n, GATE), np.full(m, GATE)
+    np.minimum.at(other_a, first, instead + alone)
+    alone = np.where(left_b >= 0, np.minimum(found, GATE) - taken[first], 0.0)
+    np.minimum.at(other_b, second, instead + alone)
     return np.asarray(np.minimum(other_a[a], other_b[b]) > cost + CLEAR)
+
+
+def _cost_of(a: Int, b: Int, cost: Array, first: Int, second: Int, m: int) -> Array:
+    """The costs of the candidates ``first`` and ``second``; the gate where they are none, or there is no such
+    particle."""
+    key = a * m + b
+    order = np.argsort(key)
+    wanted = np.where((first >= 0) & (second >= 0), first * m + second, -1)
+    at = np.minimum(np.searchsorted(key[order], wanted), len(key) - 1)
+    return np.where(key[order][at] == wanted, cost[order][at], GATE)
