@@ -309,6 +309,7 @@ def test_threads_and_memory_of_workers():
     assert Workers(64).threads_of_each == 1
     assert Workers(scheduler="tcp://a:1").threads_of_each is None
     assert limit_of_worker(4, None) is None
+    assert limit_of_worker(4, float("inf")) is None  # as without workers: a run may take all that there is
     assert 4 * limit_of_worker(4, 8.0) < 1.1 * 8e9
     with pytest.raises(PlenoPIVError, match="1 and more"):
         Workers(count=0)

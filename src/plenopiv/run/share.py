@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import isinf
 
 import numba
 
@@ -39,11 +40,12 @@ class Share:
 
 
 def limit_of_worker(workers: Workers | int | None, memory_gb: float | None) -> int | None:
-    """Bytes at which Dask ends a worker on this machine; None where none are set."""
+    """Bytes at which Dask ends a worker on this machine; None where none are set, or infinitely many."""
     count = workers if isinstance(workers, int) else workers.count if workers else None
     if count is None or memory_gb is None:
         return None
-    return max(int(SLACK * (1e9 * memory_gb - memory.REPORT - SCHEDULER) / count), 1)
+    limit = SLACK * (1e9 * memory_gb - memory.REPORT - SCHEDULER) / count
+    return None if isinf(limit) else max(int(limit), 1)
 
 
 def shared_plan(chain: Chain, memory_gb: float | None, workers: Workers) -> tuple[Plan, Share]:
