@@ -20,6 +20,7 @@ from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.device.backend import device_of
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
+from plenopiv.io.series_file import pair_file
 from plenopiv.io.series_folder import SeriesFolder
 from plenopiv.recording import Recording
 from plenopiv.run import space as of_experiment
@@ -193,26 +194,27 @@ def _wanted(recording: Recording, pairs: tuple[int, int] | None) -> list[int]:
 
 def keep_unchanged(folder: SeriesFolder, recording: Recording) -> None:
     """Forget pairs that were set aside and whose frames are others now, with ``folder.overwrite`` also those that were
-    measured and pairs that are gone; say what is kept and what is damaged.
+    measured and pairs that are gone; and a pair whose field is named as that of a pair alone where there are several
+    now, or the other way. Say what is kept and what is damaged.
 
     Raises:
         PlenoPIVError: a frame that was measured is another one now, and not ``folder.overwrite``.
     """
+    count = len(recording.pairs)
     for number, record in list(folder.finished.items()):
-        if number >= len(recording.pairs):
+        if number >= count:
             if folder.overwrite:
                 folder.words.append(f"pair {number} is not in the recording any more; it is forgotten")
                 del folder.finished[number]
                 continue
             raise PlenoPIVError(
-                f"{folder.directory}: holds {max(folder.finished) + 1} pairs, the recording {len(recording.pairs)}; "
+                f"{folder.directory}: holds {max(folder.finished) + 1} pairs, the recording {count}; "
                 "use --overwrite, or another output.directory"
             )
-        if len(recording.pairs) > 1 and "velocity.nc" in record["files"]:  # it was the only pair then
-            del folder.finished[number]
-            continue
         changed = changed_frame(recording, record)
         if changed is None and not record.get("again"):
+            if (pair_file(number) if count == 1 else "velocity.nc") in record["files"]:
+                del folder.finished[number]  # it was one of several, and is alone now, or the other way
             continue
         if record["set_aside"] is None and not folder.overwrite:
             raise PlenoPIVError(
@@ -222,7 +224,7 @@ def keep_unchanged(folder: SeriesFolder, recording: Recording) -> None:
         was = "measured" if record["set_aside"] is None else "set aside"
         folder.words.append(f"pair {number} was {was} ({changed or record['set_aside']}); it is measured again")
         del folder.finished[number]
-    tell_kept(folder, len(recording.pairs))
+    tell_kept(folder, count)
 
 
 def _tell_static_light(calibration: Mapping[str, Any]) -> None:
