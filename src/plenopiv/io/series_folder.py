@@ -17,13 +17,14 @@ from typing import Any
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io import manifest as manifests
-from plenopiv.io.aside import is_being_written, sync_names, told_of, written_aside
+from plenopiv.io.aside import is_being_written, told_of, written_aside
+from plenopiv.io.into_place import move_into_place
 from plenopiv.io.lock import FolderLock
 from plenopiv.io.manifest import Manifest, Records, digest_of, hash_of, is_whole, named_changes, settled_otherwise
 from plenopiv.io.output import COMPLETE, sweep_stages
 
 WORK, GONE, LOCK, INPUTS = ".plenopiv", ".plenopiv-gone", "lock", "inputs.json"
-LAST = (*COMPLETE, manifests.NAME)  # moved last, in this order
+EXPERIMENT = "experiment.toml"  # among the results: of the run
 
 
 class SeriesFolder:
@@ -85,7 +86,8 @@ class SeriesFolder:
         """Compare what this run depends on, but for its calibration, with what is there.
 
         Raises:
-            PlenoPIVError: results or an unfinished run of other inputs are there, and not ``overwrite``.
+            PlenoPIVError: results or an unfinished run of other inputs are there, and not ``overwrite``; an experiment
+                file that no run wrote is there: the user's own, in whose folder the results are to be.
         """
         with self._lock.beginning() as none_has_begun:
             self._begin(inputs, none_has_begun)
@@ -109,6 +111,11 @@ class SeriesFolder:
         if self._results is None and manifests.inputs_of_summary(self.directory) is not None:
             self._results = Manifest(damaged=1)
         complete = all((self.directory / name).exists() for name in COMPLETE)
+        if unfinished is None and self._results is None and not complete and (self.directory / EXPERIMENT).exists():
+            raise PlenoPIVError(
+                f"{self.directory / EXPERIMENT}: no run wrote it, and results would replace it with their own; give "
+                'output.directory a folder for the results alone, "results" say'
+            )
         if unfinished is not None:
             self._mode, self._known = unfinished["mode"], unfinished["inputs"]
         elif self.overwrite:
@@ -287,29 +294,7 @@ class SeriesFolder:
                 (self.work / manifests.NAME).unlink()
 
     def _move(self, made: Manifest) -> None:
-        """Move what the work folder holds into place; what the results before had besides is removed."""
-        before = Manifest.read(self.directory / manifests.NAME)
-        listed = set(made.files) | {name for record in made.pairs.values() for name in record["files"]}
-        names = [name for name in sorted(listed - set(LAST)) if (self.work / name).exists()]
-        names += [name for name in LAST if (self.work / name).exists()]
-        try:
-            for name in names:
-                with (self.work / name).open("rb") as file:
-                    os.fsync(file.fileno())
-                (self.directory / name).parent.mkdir(exist_ok=True, parents=True)
-            (self.directory / COMPLETE[-1]).unlink(missing_ok=True)  # no complete run until all is moved
-            for name in names:
-                os.replace(self.work / name, self.directory / name)
-            if before is not None:
-                kept = listed | set(LAST)
-                old = set(before.files) | {name for record in before.pairs.values() for name in record["files"]}
-                for name in old - kept:
-                    (self.directory / name).unlink(missing_ok=True)
-            for folder in {(self.directory / name).parent for name in names} | {self.directory}:
-                sync_names(folder)
-        except OSError as error:
-            where = error.filename2 or error.filename or self.directory
-            raise PlenoPIVError(f"{where}: cannot be written ({error.strerror})") from None
+        move_into_place(made, self.work, self.directory)
         self.discard()
         self._made = []
 
