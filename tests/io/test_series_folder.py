@@ -340,6 +340,25 @@ def test_inputs_that_only_one_of_both_runs_has_are_named(results):
         session(results)
 
 
+def test_what_the_pairs_that_are_there_were_calibrated_as_is_known_before_it_is_settled(results, tmp_path):
+    for directory in (results, tmp_path / "unfinished"):
+        session(directory, publish=False)
+        for _ in range(2):  # the second time after a run that was killed before it had settled
+            with SeriesFolder(directory) as folder:
+                assert folder.calibration is None
+                folder.begin(INPUTS)
+                assert folder.calibration == {"pitch": 0.077}
+    with SeriesFolder(tmp_path / "new") as folder:
+        folder.begin(INPUTS)
+        assert folder.calibration is None
+
+
+def test_results_that_are_replaced_say_nothing_of_a_calibration(results):
+    with SeriesFolder(results, overwrite=True) as folder:
+        folder.begin(INPUTS)
+        assert folder.calibration is None
+
+
 def test_a_run_of_some_pairs_looks_at_those_alone(results):
     (results / pair_file(3)).unlink()
     with SeriesFolder(results, first=1, end=3) as folder:

@@ -13,8 +13,9 @@ import plenopiv
 from plenopiv.cameras.drift import ArrayDrift
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
-from plenopiv.run.calibrated import calibrated_chain
-from plenopiv.run.drift import MOST, chosen
+from plenopiv.run.calibrated import calibrated_camera, calibrated_chain
+from plenopiv.run.drift import MOST, alike, chosen, with_drift
+from plenopiv.sensor import Sensor
 
 DRIFT = ArrayDrift((-1.2, 1.6), 0.1)
 
@@ -55,6 +56,81 @@ def test_the_chain_has_the_lattice_that_the_frames_show(moved, recorded):
     _, _, found = calibrated_chain(experiment := Experiment.load(recorded / "experiment.toml"), experiment.recording())
     assert found["drift"]["shift_px"] == [0.0, 0.0]
     assert found["drift"]["turn_deg"] == found["drift"]["scale"] == 0.0
+
+
+@pytest.fixture(scope="session")
+def moved_pairs(tmp_path_factory):
+    """Three pairs of an array that has moved by 2 px, of few particles."""
+
+    def made(folder):
+        for k in (1, 2, 3):
+            one = record(folder / "made", drift=DRIFT, seed=k, rays=1500, overwrite=True).directory
+            for pulse in "ab":
+                shutil.copy(one / f"{pulse}.tif", folder / f"p{k}_{pulse}.tif")
+        shutil.copy(one / "white.tif", folder)
+        shutil.copy(one / "experiment.toml", folder)
+        return folder
+
+    return made_once(tmp_path_factory, "moved-pairs", made)
+
+
+def of_pairs(folder, count):
+    """The experiment whose list names the first ``count`` pairs."""
+    tables = Experiment.load(folder / "experiment.toml").model_dump(by_alias=True, exclude_none=True)
+    tables["recording"].pop("frames", None)
+    tables["recording"]["pairs"] = [[f"p{k}_a.tif", f"p{k}_b.tif"] for k in range(1, count + 1)]
+    tables["reconstruction"] = {"iterations": 1}
+    return Experiment.from_dict(tables, folder / "experiment.toml")
+
+
+def test_a_recording_that_grows_keeps_the_drift_of_its_finished_pairs(moved_pairs):
+    two, three = (of_pairs(moved_pairs, count).recording() for count in (2, 3))
+    camera, _ = calibrated_camera(of_pairs(moved_pairs, 2), two)
+    first, found = with_drift(camera, two)
+    anew, other = with_drift(camera, three)
+    assert anew != first  # three pairs tell it a little otherwise
+    before = json.loads(json.dumps({"camera": {}, **found}))  # as the manifest has it
+    assert with_drift(camera, three, before) == (first, found)
+    assert with_drift(camera, three, {"drift": None}) == (anew, other)  # 2 px are another array
+
+
+def test_pairs_are_kept_though_more_of_them_tell_the_drift_otherwise(moved_pairs, tmp_path):
+    shutil.copytree(moved_pairs, tmp_path / "recording")
+    plenopiv.process(of_pairs(tmp_path / "recording", 2), pairs=(0, 0))
+    (kept,) = (tmp_path / "recording" / "results" / ".plenopiv" / "pairs").glob("*.json")
+    written = kept.stat().st_mtime_ns
+    found = plenopiv.process(of_pairs(tmp_path / "recording", 3), pairs=(0, 0))
+    assert found.measured == (1, 3)
+    assert kept.stat().st_mtime_ns == written
+
+
+SENSOR = Sensor(1200, 1600, 0.0055, 12, 60)  # corners are 1000 px from the middle
+
+
+@pytest.mark.parametrize(
+    ("shift_px", "turn_deg", "scale", "std_px", "same"),
+    [
+        ((-1.2, 1.6), 0.1, 0.0, 0.002, True),
+        ((-1.15, 1.65), 0.1, 0.0, 0.002, True),
+        ((-1.1, 1.7), 0.1, 0.0, 0.002, False),  # it moved on
+        ((-1.1, 1.7), 0.1, 0.0, 0.03, True),  # or is not known so well
+        ((-1.2, 1.6), 0.105, 0.0, 0.002, True),  # .09 px in a corner
+        ((-1.2, 1.6), 0.107, 0.0, 0.002, False),
+        ((-1.2, 1.6), 0.1, 0.0002, 0.002, False),
+        (None, None, None, None, False),
+    ],
+)
+def test_drifts_are_one_where_they_differ_by_less_than_they_are_known(shift_px, turn_deg, scale, std_px, same):
+    def stated(shift_px, turn_deg, scale, std_px):
+        std = {"shift_std_px": std_px, "turn_std_deg": 0.0, "scale_std": 0.0}
+        return {"shift_px": list(shift_px), "turn_deg": turn_deg, "scale": scale, **std}
+
+    one = stated((-1.2, 1.6), 0.1, 0.0, 0.002)
+    other = None if shift_px is None else stated(shift_px, turn_deg, scale, std_px)
+    assert alike(one, other, SENSOR) == alike(other, one, SENSOR) == same
+    none = stated((0.0, 0.0), 0.0, 0.0, 0.002)
+    assert alike(none, None, SENSOR)
+    assert alike(None, None, SENSOR)
 
 
 def test_without_it_the_run_is_refused(moved):

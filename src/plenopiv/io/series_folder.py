@@ -141,6 +141,12 @@ class SeriesFolder:
         if self._mode != "repair":
             self._results = None
 
+    @property
+    def calibration(self) -> Mapping[str, Any] | None:
+        """What the pairs that are there, of the same inputs, were calibrated as; None where nothing says it."""
+        known = [self._known, None if self._results is None else self._results.inputs]
+        return next((inputs["calibration"] for inputs in known if inputs and "calibration" in inputs), None)
+
     def settle(self, inputs: Mapping[str, Any]) -> None:
         """Take ``inputs``, now with the calibration and the number of tiles, as what the pairs of this run depend on,
         and look for those that are there.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import degrees
 from typing import Any
@@ -79,10 +79,12 @@ def calibrated_chain(
     progress: Progress | None = None,
     space: SpaceMap | None = None,
     target: TargetCalibration | None = None,
+    before: Mapping[str, Any] | None = None,
 ) -> tuple[Chain, Recording, dict[str, Any]]:
     """The chain of an experiment, shot noise measured on the white image; the recording, with its static light where
     that was to be estimated from the frames; and what was found in calibration. ``space``: as ``space_of`` gives it;
-    ``target``: as ``target_calibration`` does.
+    ``target``: as ``target_calibration`` does; ``before``: what was found when finished pairs were measured, as
+    ``with_drift`` takes it.
 
     Raises:
         PlenoPIVError: as ``calibrated_camera`` and ``solid_of``; static light cannot be estimated.
@@ -93,7 +95,7 @@ def calibrated_chain(
         recording, found["static_light"] = with_static_light(recording, camera, progress)
     of_white = camera
     if experiment.drift_measured:
-        camera, of_array = with_drift(camera, recording)
+        camera, of_array = with_drift(camera, recording, before)
         found |= of_array
     chain = chain_of(experiment, camera, recording.unusable, solid, space)
     if experiment.blur_measured:

@@ -84,10 +84,13 @@ def computing_versions(device: Device = CPU) -> dict[str, str]:
     return {name: known[name] for name in COMPUTING} | dict(device.versions)
 
 
-def with_calibration(inputs: Mapping[str, Any], chain: Chain, recording: Recording) -> dict[str, Any]:
+def with_calibration(
+    inputs: Mapping[str, Any], chain: Chain, recording: Recording, found: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """The same, and what calibration made of the images: lattice, shot noise, pixels left out, static light,
-    and the map to the laboratory."""
-    return {**inputs, "calibration": calibration_of(chain, recording)}
+    and the map to the laboratory; of what was ``found`` the drift, which a recording that grows keeps."""
+    drift = {key: value for key, value in (found or {}).items() if key == "drift"}
+    return {**inputs, "calibration": calibration_of(chain, recording) | drift}
 
 
 def calibration_of(chain: Chain, recording: Recording) -> dict[str, Any]:

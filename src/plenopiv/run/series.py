@@ -130,11 +130,14 @@ def run(
         with clock("calibration"):
             stage = partial(report, "static light of the frames")
             lattice = judgement.lattice
-            chain, recording, calibration = calibrated_chain(experiment, recording, lattice, stage, space, target)
+            chain, recording, calibration = calibrated_chain(
+                experiment, recording, lattice, stage, space, target, folder.calibration
+            )
         _tell_static_light(calibration)
         chain = chain.on_device(computing.shared_by(pool.workers.count if pool else None))
         planned, share = (plan(chain, memory_gb), None) if pool is None else shared_plan(chain, memory_gb, pool.workers)
-        inputs = with_calibration(inputs, chain, recording) | {"tiles": planned.tiles}  # these give other bits
+        inputs = with_calibration(inputs, chain, recording, calibration)
+        inputs |= {"tiles": planned.tiles}  # these give other bits
         folder.settle(inputs)
         keep_unchanged(folder, recording)
         if folder.is_complete and all(number in folder.finished for number in wanted):

@@ -124,8 +124,9 @@ def track(
             judgement = judged(experiment, recording, force, report, space)
         with clock("calibration"):
             stage = partial(report, "static light of the frames")
-            chain, recording, _ = calibrated_chain(experiment, recording, judgement.lattice, stage, space, target)
-        inputs = with_calibration(inputs, chain, recording)
+            lattice, before = judgement.lattice, folder.calibration
+            chain, recording, found = calibrated_chain(experiment, recording, lattice, stage, space, target, before)
+        inputs = with_calibration(inputs, chain, recording, found)
         folder.settle(inputs)
         keep_unchanged(folder, recording)
         count = len(recording.pairs)
