@@ -11,10 +11,12 @@ The microlens plane's (s, t) is inverted with respect to the object (M < 0), so 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from plenopiv.errors import PlenoPIVError
 
 Orientation = Literal["upright", "sensor"]
 Alignment = Literal["low", "high"]
@@ -70,6 +72,16 @@ def middle_of(image: NDArray, part: Sensor) -> NDArray:
     return image[row : row + part.rows, column : column + part.columns]
 
 
+def check_orientation(orientation: Orientation) -> None:
+    """Raises PlenoPIVError for another word than the two: a wrong one would turn every velocity by 180 degrees."""
+    if orientation not in get_args(Orientation):
+        raise PlenoPIVError(f'recording.orientation: {orientation!r} is no orientation; give "upright" or "sensor"')
+
+
 def upright(image: NDArray, orientation: Orientation) -> NDArray:
-    """An image as stored, turned upright (a view, no copy). Its own inverse."""
+    """An image as stored, turned upright (a view, no copy). Its own inverse.
+
+    Raises PlenoPIVError for an unknown orientation.
+    """
+    check_orientation(orientation)
     return image if orientation == "upright" else image[::-1, ::-1]

@@ -239,3 +239,16 @@ def test_globs_follow_numbers_and_leave_the_white_image_out(tmp_path):
 
 def test_natural_order():
     assert sorted(["f10", "f9b2", "f9b10", "F1"], key=natural_order) == ["F1", "f9b2", "f9b10", "f10"]
+
+
+@pytest.mark.parametrize("dt_s", [0.0, -1e-3, np.nan, np.inf])
+def test_a_time_that_is_not_positive_is_refused(tmp_path, counts, dt_s):
+    paths = tuple(write(tmp_path / f"{name}.tif", counts) for name in "ab")
+    with pytest.raises(PlenoPIVError, match=rf"recording.dt_s: {dt_s} is no time between frames; give a positive"):
+        Recording(SENSOR, paths, None, dt_s, "upright")
+
+
+def test_an_unknown_orientation_is_refused_before_files_are_looked_at(tmp_path):
+    paths = tmp_path / "a.tif", tmp_path / "b.tif"
+    with pytest.raises(PlenoPIVError, match=r"recording.orientation: 'up' is no orientation; give"):
+        Recording(SENSOR, paths, None, 1e-3, "up")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from plenopiv.errors import PlenoPIVError
 from plenopiv.sensor import Sensor, upright
 
 SENSOR = Sensor(9, 6, 0.0055, 12, 60.0)
@@ -37,3 +38,9 @@ def test_upright_is_its_own_inverse_and_no_mirror():
     where = {value: np.argwhere(turned == value)[0] for value in (0, 1, 9)}
     right, down = where[1] - where[0], where[9] - where[0]
     assert right[1] * down[0] - right[0] * down[1] == 1
+
+
+@pytest.mark.parametrize("word", ["Upright", "up", "", None])
+def test_unknown_orientations_are_refused(word):
+    with pytest.raises(PlenoPIVError, match=rf'recording.orientation: {word!r} is no orientation; give "upright" or'):
+        upright(np.zeros((6, 9)), word)

@@ -97,6 +97,12 @@ def test_the_seed_fixes_everything_and_sensor_images_are_turned(recorded, tmp_pa
     assert 'orientation = "sensor"' in (turned.directory / "experiment.toml").read_text()
 
 
+def test_an_unknown_orientation_is_refused_and_nothing_written(tmp_path):
+    with pytest.raises(PlenoPIVError, match=r"recording.orientation: 'up' is no orientation"):
+        write(tmp_path / "r", orientation="up")
+    assert not (tmp_path / "r").exists()
+
+
 def test_a_recording_is_not_overwritten_unless_asked(recorded, tmp_path):
     before = (recorded.directory / "a.tif").stat().st_mtime_ns
     with pytest.raises(PlenoPIVError, match="--overwrite"):

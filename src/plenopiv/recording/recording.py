@@ -17,7 +17,7 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.recording.masks import Polygon, mask_of_image, mask_of_polygons
 from plenopiv.recording.sources import ImageSource, only_source
 from plenopiv.recording.static_light import StaticLight, static_light
-from plenopiv.sensor import Orientation, Sensor, upright
+from plenopiv.sensor import Orientation, Sensor, check_orientation, upright
 
 SATURATED_SHARE = 1e-4  # above this a recording is warned about
 
@@ -34,10 +34,10 @@ class Recording:
     ``mask``: an image that is 0 where pixels shall not be used, or polygons around these (``masks``).
 
     Raises:
-        PlenoPIVError: fewer than two frames; the white image among them; two background images of a sequence of more
-            than two; or a file that is missing, empty, of an unknown format, truncated, in colour, or of another size
-            or depth than the sensor; of frames, where this leaves less than half of the pairs; or a mask that cannot be
-            used. Only file headers are read for this, and the mask.
+        PlenoPIVError: an unknown orientation; a time that is not positive; fewer than two frames; the white image among
+            them; two background images of a sequence of more than two; or a file that is missing, empty, of an unknown
+            format, truncated, in colour, or of another size or depth than the sensor; of frames, where this leaves less
+            than half of the pairs; or a mask that cannot be used. Only file headers are read for this, and the mask.
     """
 
     sensor: Sensor
@@ -61,6 +61,11 @@ class Recording:
         )
 
     def __post_init__(self) -> None:
+        check_orientation(self.orientation)
+        if not 0 < self.dt_s < np.inf:
+            raise PlenoPIVError(
+                f"recording.dt_s: {self.dt_s} is no time between frames; give a positive number of seconds"
+            )
         frames = tuple(f if isinstance(f, ImageSource) else only_source(f) for f in self.frames)
         object.__setattr__(self, "frames", frames)
         if len(frames) < 2:
