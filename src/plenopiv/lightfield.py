@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.errors import PlenoPIVWarning
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 
 LIT_SHARE = 0.5  # a pixel less lit by its own lens than this is no equation of the light field
 LARGEST_TURN_RAD = radians(6.0)  # beyond this the projector's weights are off by more than 1 %
@@ -222,7 +222,10 @@ def layout(camera: PlenopticCamera, unusable: NDArray[np.bool_] | None = None) -
 
 
 def decode(image: NDArray, where: Layout) -> LightField:
-    """An upright raw image (rows, columns) in counts as a light field."""
+    """An upright raw image (rows, columns) in counts as a light field.
+
+    Raises PlenoPIVError for a pixel that is an equation and no finite number.
+    """
     sensor = where.camera.sensor
     values = np.zeros((where.views, where.lenses), np.float32)
     for v, (m, n) in enumerate(where.offsets):
@@ -230,6 +233,13 @@ def decode(image: NDArray, where: Layout) -> LightField:
         values[v, lens] = image[where.pixel[lens, 1] + n, where.pixel[lens, 0] + m]
     values -= np.float32(sensor.black_level)
     values[~where.seen] = 0.0
+    if not np.isfinite(values.sum(dtype=np.float64)):  # which no sum of finite float32 exceeds
+        view, lens = np.argwhere(~np.isfinite(values))[0]
+        column, row = where.pixel[lens] + where.offsets[view]
+        raise PlenoPIVError(
+            f"frame: the pixel at column {column}, row {row} is {image[row, column]}, and would empty the volume; "
+            "leave it out with Chain(unusable=...), or put a count there"
+        )
     return LightField(where, values)
 
 

@@ -7,6 +7,7 @@ import pytest
 from oracles.cameras import small_camera
 from oracles.light import disc_rectangle_area
 
+from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import decode, disc_share, encode, layout
 from plenopiv.simulation.white import white_image
 
@@ -116,3 +117,22 @@ def test_an_aperture_known_to_a_percent_tells_the_light_of_every_equation(where)
     off = np.abs(light[where.seen] / where.fill[where.seen] - 1.0)
     assert off.max() < 0.25
     assert np.sqrt(np.mean(off**2)) < 0.06
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_pixel_that_is_no_number_is_refused_unless_it_is_masked(value):
+    camera = CAMERAS["square-14"]
+    where, image = LAYOUTS["square-14"], np.full((camera.sensor.rows, camera.sensor.columns), 100.0)
+    column, row = where.pixel[where.lenses // 2] + where.offsets[where.views // 2]
+    image[row, column] = value
+    with pytest.raises(PlenoPIVError, match=rf"the pixel at column {column}, row {row} is {value}, .*\(unusable="):
+        decode(image, where)
+    masked = layout(camera, ~np.isfinite(image))
+    assert decode(image, masked).values.max() == 40.0
+
+
+def test_the_brightest_finite_pixels_are_taken():
+    """Their sum is beyond float32."""
+    where = LAYOUTS["square-14"]
+    image = np.full((where.camera.sensor.rows, where.camera.sensor.columns), np.finfo(np.float32).max)
+    assert np.isfinite(decode(image, where).values).all()

@@ -199,3 +199,7 @@ def test_images_that_are_not_the_cameras():
         projector.values_of([np.zeros((20, 20))] * 3)
     with pytest.raises(PlenoPIVError, match="camera 3: its image has 19 x 20 px, its sensor 20 x 20"):
         projector.values_of([np.zeros((20, 20))] * 2 + [np.zeros((20, 19))] * 2)
+    damaged = np.zeros((20, 20))
+    damaged[7, 4] = np.nan
+    with pytest.raises(PlenoPIVError, match=r"camera 4: the pixel at column 4, row 7 is nan, .* put a count there"):
+        projector.values_of([np.zeros((20, 20))] * 3 + [damaged])

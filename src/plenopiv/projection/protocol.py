@@ -34,7 +34,7 @@ class Projection(Protocol):
     def values_of(self, images: Sequence[NDArray]) -> NDArray[np.float32]:
         """One frame, an upright image (rows, columns) in counts of each camera, as (view, pixel).
 
-        Raises PlenoPIVError where their number or a shape is not that of the cameras.
+        Raises PlenoPIVError where their number or a shape is not that of the cameras, or a pixel is no finite number.
         """
 
     def forward(self, views: ArrayLike, volume: SparseVolume) -> NDArray[np.float32]:

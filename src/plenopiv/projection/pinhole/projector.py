@@ -69,7 +69,7 @@ class PinholeProjector:
     def values_of(self, images: Sequence[NDArray]) -> NDArray[np.float32]:
         """Upright images (rows, columns) in counts as (camera, pixel) above the black level.
 
-        Raises PlenoPIVError where their number or a shape is not that of the cameras.
+        Raises PlenoPIVError where their number or a shape is not that of the cameras, or a pixel is no finite number.
         """
         if len(images) != self.views:
             raise PlenoPIVError(f"images: {len(images)} for {self.views} cameras; give one of each camera")
@@ -82,6 +82,13 @@ class PinholeProjector:
                     f"{sensor.columns} x {sensor.rows}; give the image of this camera, not cut"
                 )
             row[: sensor.rows * sensor.columns] = np.ravel(image).astype(np.float32) - np.float32(sensor.black_level)
+            if not np.isfinite(row.sum(dtype=np.float64)):  # which no sum of finite float32 exceeds
+                at = int(np.flatnonzero(~np.isfinite(row))[0])
+                y, x = divmod(at, sensor.columns)
+                raise PlenoPIVError(
+                    f"camera {number}: the pixel at column {x}, row {y} is {row[at]}, and would empty the volume; put "
+                    "a count there, as the median of the pixels about it"
+                )
         return values
 
     def forward(self, views: ArrayLike, volume: SparseVolume) -> NDArray[np.float32]:

@@ -95,7 +95,7 @@ class PlenopticProjector:
     def values_of(self, images: Sequence[NDArray]) -> NDArray[np.float32]:
         """The frame's one image (rows, columns), in counts, as (view, lens) above the black level.
 
-        Raises PlenoPIVError for another number of images, or another shape.
+        Raises PlenoPIVError for another number of images, another shape, or a pixel that is no finite number.
         """
         sensor, shapes = self.layout.camera.sensor, [np.shape(image) for image in images]
         if shapes != [(sensor.rows, sensor.columns)]:
