@@ -164,20 +164,20 @@ class Chain:
         """Between ``lens_grid`` and the cameras' views, made on first use.
 
         Raises:
-            PlenoPIVError: cameras of both kinds, poses that are not as many as the cameras, a camera that does not see
-                the volume, or as ``lens_grid``.
+            PlenoPIVError: cameras of both kinds, poses or masks that are not as many as the cameras, a camera that does
+                not see the volume, or as ``lens_grid`` and ``layout``.
         """
-        grid = self.lens_grid
+        grid, weights = self.lens_grid, self.reconstruction.weights
         plenoptic = [camera for camera in self.cameras if isinstance(camera, PlenopticCamera)]
         pinholes = [camera for camera in self.cameras if isinstance(camera, PinholeCamera)]
         if pinholes and not plenoptic:
             return PinholeProjector(pinholes, grid)
-        if pinholes or len(plenoptic) != len(self.poses):
+        masks = self.unusable or (None,) * len(plenoptic)
+        if pinholes or not len(plenoptic) == len(self.poses) == len(masks):
             raise PlenoPIVError(
-                f"cameras: {len(plenoptic)} plenoptic with {len(self.poses)} poses and {len(pinholes)} pinhole; give "
-                "plenoptic cameras with a pose each, or pinhole cameras alone"
+                f"cameras: {len(plenoptic)} plenoptic, {len(pinholes)} pinhole, {len(self.poses)} poses, {len(masks)} "
+                "masks; give plenoptic cameras with a pose each, or pinhole cameras alone, masks of all or none"
             )
-        weights, masks = self.reconstruction.weights, self.unusable or (None,) * len(plenoptic)
         projectors = [
             self._projector(layout(camera, masked), pose.grid(grid), weights)
             for camera, pose, masked in zip(plenoptic, self.poses, masks, strict=True)

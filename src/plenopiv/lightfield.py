@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.sensor import check_pixels
 
 LIT_SHARE = 0.5  # a pixel less lit by its own lens than this is no equation of the light field
 LARGEST_TURN_RAD = radians(6.0)  # beyond this the projector's weights are off by more than 1 %
@@ -156,7 +157,12 @@ def wrapped(ticks: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def layout(camera: PlenopticCamera, unusable: NDArray[np.bool_] | None = None) -> Layout:
     """Assign the raw pixels of ``camera`` (with its calibrated lattice) to views and lenses. ``unusable``: pixels of an
-    upright image (rows, columns) that are no equations, as hot and masked ones."""
+    upright image (rows, columns) that are no equations, as hot and masked ones.
+
+    Raises PlenoPIVError for a mask of another size than the sensor, and where no pixel is left.
+    """
+    if unusable is not None:
+        check_pixels(unusable, camera.sensor, "unusable")
     camera = camera.with_lattice(camera.lattice.aligned())
     sensor, lattice = camera.sensor, camera.lattice
     if abs(lattice.turn_rad) > LARGEST_TURN_RAD:
@@ -213,6 +219,12 @@ def layout(camera: PlenopticCamera, unusable: NDArray[np.bool_] | None = None) -
             lost[v, here] = unusable[row[here], column[here]]
             seen[v] &= ~lost[v]
     keep = seen.any(1)
+    if not keep.any():
+        raise PlenoPIVError(
+            "camera: no pixel shows one microlens alone; are all lengths in mm?"
+            if lost is None or not lost.any()
+            else "unusable: no pixel that shows a microlens is left; leave out fewer"
+        )
     block = i0, j0, i1 - i0 + 1, j1 - j0 + 1
     left = None if lost is None else lost[keep]
     lit = None if light is None else light[keep]
@@ -224,9 +236,11 @@ def layout(camera: PlenopticCamera, unusable: NDArray[np.bool_] | None = None) -
 def decode(image: NDArray, where: Layout) -> LightField:
     """An upright raw image (rows, columns) in counts as a light field.
 
-    Raises PlenoPIVError for a pixel that is an equation and no finite number.
+    Raises PlenoPIVError for an image of another size than the sensor, and a pixel that is an equation and no finite
+    number.
     """
     sensor = where.camera.sensor
+    check_pixels(image, sensor, "frame")
     values = np.zeros((where.views, where.lenses), np.float32)
     for v, (m, n) in enumerate(where.offsets):
         lens = np.flatnonzero(where.seen[v])

@@ -72,6 +72,13 @@ def middle_of(image: NDArray, part: Sensor) -> NDArray:
     return image[row : row + part.rows, column : column + part.columns]
 
 
+def check_pixels(pixels: NDArray, sensor: Sensor, name: str) -> None:
+    """Raises PlenoPIVError where an image or mask (rows, columns) is not of the sensor's size."""
+    if np.shape(pixels) != (sensor.rows, sensor.columns):
+        found = " x ".join(map(str, np.shape(pixels)[::-1])) or "a number, no"
+        raise PlenoPIVError(f"{name}: {found} px; give {sensor.columns} x {sensor.rows} px, as the camera's sensor has")
+
+
 def check_orientation(orientation: Orientation) -> None:
     """Raises PlenoPIVError for another word than the two: a wrong one would turn every velocity by 180 degrees."""
     if orientation not in get_args(Orientation):

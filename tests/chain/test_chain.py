@@ -204,3 +204,13 @@ def test_images_that_are_not_the_cameras():
         chain.reconstruct([np.zeros((5, 7))])
     with pytest.raises(PlenoPIVError, match="as the camera's sensor"):
         chain.reconstruct([image, image])
+
+
+def test_masks_that_are_not_the_cameras():
+    chain = plenoptic_chain()
+    sensor = chain.camera.sensor
+    mask = np.zeros((sensor.rows, sensor.columns), bool)
+    with pytest.raises(PlenoPIVError, match=r"0 pinhole, 1 poses, 2 masks; .* masks of all or none"):
+        _ = replace(chain, unusable=(mask, mask)).projection
+    with pytest.raises(PlenoPIVError, match=r"unusable: \d+ x 100 px; give"):
+        _ = replace(chain, unusable=(mask[:100],)).projection

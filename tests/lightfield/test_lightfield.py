@@ -136,3 +136,20 @@ def test_the_brightest_finite_pixels_are_taken():
     where = LAYOUTS["square-14"]
     image = np.full((where.camera.sensor.rows, where.camera.sensor.columns), np.finfo(np.float32).max)
     assert np.isfinite(decode(image, where).values).all()
+
+
+def test_images_and_masks_of_another_size_are_refused():
+    camera, where = CAMERAS["square-14"], LAYOUTS["square-14"]
+    rows, columns = camera.sensor.rows, camera.sensor.columns
+    wanted = f"px; give {columns} x {rows} px, as the camera's sensor has"
+    for shape in ((rows + 2, columns + 2), (rows - 2, columns), (columns, rows)):
+        with pytest.raises(PlenoPIVError, match=f"frame: {shape[1]} x {shape[0]} {wanted}"):
+            decode(np.zeros(shape), where)
+        with pytest.raises(PlenoPIVError, match=f"unusable: {shape[1]} x {shape[0]} {wanted}"):
+            layout(camera, np.zeros(shape, bool))
+
+
+def test_a_mask_that_leaves_no_pixel_is_refused():
+    camera = CAMERAS["square-14"]
+    with pytest.raises(PlenoPIVError, match="unusable: no pixel that shows a microlens is left; leave out fewer"):
+        layout(camera, np.ones((camera.sensor.rows, camera.sensor.columns), bool))
