@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from math import inf
+from numbers import Integral, Real
+from typing import TYPE_CHECKING, Literal, get_args
+
+from plenopiv.errors import PlenoPIVError
 
 if TYPE_CHECKING:
     from plenopiv.cameras.plenoptic import PlenopticCamera
@@ -34,6 +38,8 @@ class ReconstructionSettings:
     ``focus_reach``: half dead zones from focus within which light counts less in the correlation (``focus``); 0: none.
     ``seed``: of the random order of views. ``motion_tracking``: how often both frames of a pair are reconstructed again
     from a first guess that they share (``plenopiv.motion_tracking``).
+
+    Raises ``PlenoPIVError`` for values out of range.
     """
 
     method: Method = "drt-mart"
@@ -45,6 +51,23 @@ class ReconstructionSettings:
     focus_reach: float = 2.0
     seed: int = 0
     motion_tracking: int = 0
+
+    def __post_init__(self) -> None:
+        for name, words in (("method", Method), ("weights", Weights), ("candidates", CandidateRule)):
+            if (word := getattr(self, name)) not in get_args(words):
+                allowed = " or ".join(f'"{each}"' for each in get_args(words))
+                raise PlenoPIVError(f"reconstruction.{name}: {word!r} is not known; use {allowed}")
+        for name, low, high in (("iterations", 1, inf), ("seed", 0, 2**63 - 1), ("motion_tracking", 0, 3)):
+            n = getattr(self, name)
+            whole = isinstance(n, Integral)
+            if not (whole and low <= n <= high):
+                upper = "" if high == inf else f" to {high}"
+                raise PlenoPIVError(f"reconstruction.{name}: {n!r}; use a whole number from {low}{upper}")
+        if not (isinstance(self.relaxation, Real) and 0 < self.relaxation <= 1):
+            raise PlenoPIVError(f"reconstruction.relaxation: {self.relaxation!r}; use a number above 0, at most 1")
+        for name, value in (("threshold", self.threshold or 0), ("focus_reach", self.focus_reach)):
+            if not (isinstance(value, Real) and 0 <= value < inf):
+                raise PlenoPIVError(f"reconstruction.{name}: {value!r}; use 0 or a positive number")
 
     def through(self, camera: PlenopticCamera) -> ReconstructionSettings:
         """The same with the iterations that a plenoptic camera takes. Light that its main lens spreads over microlenses
