@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
+from numbers import Real
+from typing import Any, NamedTuple
 
 from plenopiv.errors import PlenoPIVError
 
@@ -14,6 +16,21 @@ Sides = tuple[float, float, float]
 SMALLEST = 8  # voxels of a window along an axis
 SUB_WINDOW = 0.75, 0.75, 0.8125  # default sides of a sub-window, as fractions of the last window's along x, y, z
 HALF = 0.5  # overlap at which the filter between passes stops waves of one window
+
+
+def _size(value: Any) -> Size | None:
+    """Sides x, y, z of a window from any three whole numbers, as of a list; None from anything else."""
+    try:
+        x, y, z = (int(side) for side in value)
+        whole = (x, y, z) == tuple(value)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return (x, y, z) if whole and min(x, y, z) >= SMALLEST else None
+
+
+def _shown(value: Any) -> str:
+    """A value as the experiment file has it."""
+    return f"[{', '.join(map(_shown, value))}]" if isinstance(value, list | tuple) else str(value)
 
 
 class Pass(NamedTuple):
@@ -53,7 +70,7 @@ class CorrelationSettings:
     ``filter_predictor``: whether the displacement that deforms the volumes is low-pass filtered first
     (``predictor.smooth_predictor``). The result of the last pass is never filtered.
 
-    Raises ``PlenoPIVError`` for values out of range.
+    Sizes may be lists, and are kept as tuples of int. Raises ``PlenoPIVError`` for values out of range.
     """
 
     windows: tuple[Size, ...] = ((128, 128, 32), (64, 64, 16))
@@ -100,25 +117,19 @@ class CorrelationSettings:
         return [*coarse, *[sizes[-1]] * (self.fine_passes - 1), last]
 
     def __post_init__(self) -> None:
-        if not self.windows or any(len(w) != 3 or min(w) < SMALLEST for w in self.windows):
-            raise PlenoPIVError(
-                f"correlation.windows: {list(map(list, self.windows))}: give sizes [x, y, z] of 8 voxels or more"
-            )
+        self._keep_tuples()
         for coarse, fine in zip(self.windows, self.windows[1:], strict=False):
             if any(f > c for c, f in zip(coarse, fine, strict=True)):
                 raise PlenoPIVError(
                     f"correlation.windows: {list(fine)} follows {list(coarse)}; sort them coarse to fine"
                 )
-        if self.inner_window is not None:
-            if len(self.inner_window) != 3 or min(self.inner_window) < SMALLEST:
-                raise PlenoPIVError(
-                    f"correlation.inner_window: {list(self.inner_window)}: give a size [x, y, z] of 8 voxels or more"
-                )
-            if any(n > c for n, c in zip(self.inner_window, self.windows[-1], strict=True)):
-                raise PlenoPIVError(
-                    f"correlation.inner_window: {list(self.inner_window)} is larger than the last of "
-                    f"correlation.windows, {list(self.windows[-1])}; sub-windows lie within that"
-                )
+        if self.inner_window is not None and any(
+            n > c for n, c in zip(self.inner_window, self.windows[-1], strict=True)
+        ):
+            raise PlenoPIVError(
+                f"correlation.inner_window: {list(self.inner_window)} is larger than the last of "
+                f"correlation.windows, {list(self.windows[-1])}; sub-windows lie within that"
+            )
         ranges = {
             "overlap": (0.0, 0.9),
             "inner_overlap": (0.0, 0.9),
@@ -136,5 +147,31 @@ class CorrelationSettings:
         values = [(name, getattr(self, name), *limits) for name, limits in ranges.items()]
         values += [("smoothing_voxels", sigma, 0.0, 4.0) for sigma in self.smoothing]
         for name, value, lo, hi in values:
-            if not lo <= value <= hi:
+            number = isinstance(value, Real)
+            if not (number and lo <= value <= hi):
                 raise PlenoPIVError(f"correlation.{name}: {value} is out of range; use {lo} to {hi}")
+            if name.endswith("_passes"):
+                if value != int(value):
+                    raise PlenoPIVError(f"correlation.{name}: {value} is no whole number; use {lo} to {hi}")
+                object.__setattr__(self, name, int(value))
+
+    def _keep_tuples(self) -> None:
+        """Sizes and sigmas as tuples, of lists as well: settings are hashed once all passes are made."""
+        sizes = [_size(window) for window in self.windows] if isinstance(self.windows, Iterable) else []
+        if not sizes or None in sizes:
+            raise PlenoPIVError(
+                f"correlation.windows: {_shown(self.windows)}: give sizes [x, y, z] of 8 voxels or more, coarse to fine"
+            )
+        object.__setattr__(self, "windows", tuple(sizes))
+        if self.inner_window is not None:
+            if (inner := _size(self.inner_window)) is None:
+                raise PlenoPIVError(
+                    f"correlation.inner_window: {_shown(self.inner_window)}: give a size [x, y, z] of 8 voxels or more"
+                )
+            object.__setattr__(self, "inner_window", inner)
+        if isinstance(sigmas := self.smoothing_voxels, Iterable):
+            object.__setattr__(self, "smoothing_voxels", tuple(sigmas))
+            if len(self.smoothing) != 3:
+                raise PlenoPIVError(
+                    f"correlation.smoothing_voxels: {_shown(sigmas)}: give one number, or three along x, y, z"
+                )
