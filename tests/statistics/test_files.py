@@ -1,6 +1,7 @@
 """``plenopiv statistics``: from velocity.nc, one time after the other, to statistics.nc and its figure."""
 
 import json
+import re
 
 import h5netcdf
 import numpy as np
@@ -49,6 +50,18 @@ def test_the_file_holds_the_statistics(results, capsys):
     with h5netcdf.File(results / "statistics.nc") as file:
         assert file.dimensions["x"].size == 4
     xr.testing.assert_equal(plenopiv.statistics_of(results), expected.result())
+
+
+def test_two_pairs_have_an_interval_of_the_mean_alone(results, field_of, capsys):
+    rng = np.random.default_rng(0)
+    fields = [field_of(rng.normal(2.0, 0.5, (3, 2, 3, 4)), 0.1, time=1e-3 * k) for k in range(2)]
+    write_velocity(results / "velocity.nc", xr.concat(fields, "time"))
+    assert main(["statistics", str(results), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["statistics"]["median_rms_std_m_s"] == [None] * 3
+    assert main(["statistics", str(results), "--overwrite"]) == 0
+    assert re.search(r"95 %: mean \+-0\.\d+ m/s, from", capsys.readouterr().out)
+    figure = convergence_figure(plenopiv.statistics_of(results))
+    assert np.isfinite([axes.get_ylim() for axes in figure.axes]).all()
 
 
 def test_bands_of_the_figure_are_95_percent_intervals(results):

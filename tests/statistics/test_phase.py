@@ -55,6 +55,7 @@ def test_an_empty_bin_holds_nothing(tmp_path, field_of):
     assert result.pairs.values.tolist() == [2, 0]
     assert np.isnan(result.u_mean.sel(phase=180)).all()
     assert (result.u_mean.sel(phase=0) == 1).all()
+    assert np.isnan(result.uu_std).all()  # of two pairs
 
 
 @pytest.mark.parametrize(

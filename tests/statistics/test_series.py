@@ -173,6 +173,21 @@ def test_convergence_is_followed_at_a_few_places(field_of):
                 assert float(last[f"running_{one}"]) == pytest.approx(float(here[f"{name}_{other}"]), rel=1e-6)
 
 
+def test_two_vectors_tell_no_error_of_a_stress(field_of):
+    """Their products of fluctuations are equal: 0 would be said however far off the stress is."""
+    fields = [field_of(v, 0.1) for v in np.random.default_rng(1).normal(size=(3, 3, 2, 2, 2))]
+    two, three = collected(fields[:2]), collected(fields)
+    for name in ("u_rms", "uu", "vw", "ww_corrected", "v_rms_corrected", "w_skewness"):
+        assert np.isnan(two[f"{name}_std"]).all(), name
+        assert (three[f"{name}_std"] > 0).all(), name
+    assert (two.u_mean_std > 0).all()
+    assert np.isfinite(two.uu).all()
+    assert np.isfinite(three.running_mean_std[:, 0, 0]).values.tolist() == [False, True, True]
+    assert np.isfinite(three.running_rms_std[:, 0, 0]).values.tolist() == [False, False, True]
+    assert summary_of(two)["median_rms_std_m_s"] == [None] * 3
+    assert all(summary_of(two)["median_mean_std_m_s"])
+
+
 def test_every_variable_says_what_it_is(field_of):
     found = collected([field_of(v) for v in np.random.default_rng(0).normal(size=(4, 3, 2, 2, 2))])
     for name, variable in found.data_vars.items():

@@ -90,10 +90,11 @@ def _lines(told: dict[str, Any], found: xarray.Dataset, files: list[str]) -> lis
             f"{_of_noise(noise or 0)}"
         )
         error, of_rms = told["median_mean_std_m_s"][k], told["median_rms_std_m_s"][k]
-        if error is not None and of_rms is not None:
+        if error is not None:
             independent = told["median_independent_samples"][k]
+            rms = "" if of_rms is None else f", RMS +-{INTERVAL * of_rms:.2g}"
             lines.append(
-                f"          95 %: mean +-{INTERVAL * error:.2g}, RMS +-{INTERVAL * of_rms:.2g} m/s, from "
+                f"          95 %: mean +-{INTERVAL * error:.2g}{rms} m/s, from "
                 f"{_text(independent)} independent samples (medians)"
             )
     if "phase" in found.dims:

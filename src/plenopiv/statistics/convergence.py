@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.statistics.correlated import Spacing
-from plenopiv.statistics.moments import Moments
+from plenopiv.statistics.moments import FEWEST, Moments
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,6 +57,7 @@ class Convergence:
         of_mean = np.stack([spacing(c)[self.at] for c in range(3)])
         of_square = np.stack([spacing(c, c)[self.at] for c in range(3)])
         variance = np.where(n > 1, square * n / (n - 1), np.nan)
+        scatter = np.where(n > 1, square, np.nan)  # of one vector it is 0 and tells nothing
         left = np.maximum(n - 2 * of_mean - of_square, 0.25 * n)
         spread = np.sqrt((fourth - square**2).clip(0) * of_square / left)
         rms = np.sqrt(variance)
@@ -64,9 +65,9 @@ class Convergence:
         found: dict[str, tuple[tuple[str, ...], NDArray]] = {
             "running_pairs": (("running",), np.array([k for k, _ in kept], np.int32)),
             "running_mean": (dims, mean),
-            "running_mean_std": (dims, np.sqrt(square * np.minimum(of_mean, n) / np.maximum(n - of_mean, 0.25 * n))),
+            "running_mean_std": (dims, np.sqrt(scatter * np.minimum(of_mean, n) / np.maximum(n - of_mean, 0.25 * n))),
             "running_rms": (dims, rms),
-            "running_rms_std": (dims, np.where(n > 1, spread / (2 * rms), np.nan)),
+            "running_rms_std": (dims, np.where(n >= FEWEST, spread / (2 * rms), np.nan)),
         }
         for axis, values, index in zip("zyx", self._places_mm, self.at, strict=True):
             found[f"place_{axis}"] = ("place",), values[index]

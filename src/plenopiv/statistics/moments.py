@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 Key = tuple[int, int, int]
 PAIRS = ((0, 1), (0, 2), (1, 2))  # u v, u w, v w
 HIGHEST = 6  # of one component, for the uncertainty of its skewness
+FEWEST = 3  # samples whose products of deviations scatter: those of two are equal
 
 
 def key(*powers: tuple[int, int]) -> Key:

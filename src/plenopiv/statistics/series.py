@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from plenopiv.errors import PlenoPIVError
 from plenopiv.statistics.convergence import Convergence
 from plenopiv.statistics.correlated import Spacing, TimeCorrelation
-from plenopiv.statistics.moments import PAIRS, Moments
+from plenopiv.statistics.moments import FEWEST, PAIRS, Moments
 from plenopiv.statistics.variables import DIMS, NAMES, dataset
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class SeriesStatistics:
 
         Velocities in m/s, stresses in m^2/s^2: u_mean, u_rms, uu, uv, ..., u_skewness and the rest, each with ``_std``,
         the standard deviation of its error; all variables with their meaning in ``long_name``. NaN where fewer than
-        two vectors count.
+        two vectors count; of RMS, stresses and skewness ``_std`` takes three.
         """
         with np.errstate(invalid="ignore", divide="ignore"):
             return self._result()
@@ -147,12 +147,13 @@ def _std_of_mean_product(moments: Moments, spacing: Spacing, a: int, b: int) -> 
     """Of u_a' u_b', whose variance is <u_a'^2 u_b'^2> - <u_a' u_b'>^2.
 
     From n samples and about their mean that is too small, for Gaussian ones by the factor 1 - (T_a + T_b + T_ab)/n to
-    first order, 1 - 3/n where they are independent.
+    first order, 1 - 3/n where they are independent. Of two samples both products are equal, whatever they are: the
+    scatter is 0 and tells nothing, hence NaN for fewer than three.
     """
     spread = moments.central((a, 2), (b, 2)) - moments.central((a, 1), (b, 1)) ** 2
     n, together = moments.count, spacing(a, b)
     left = np.maximum(n - spacing(a) - spacing(b) - together, 0.25 * n)
-    return np.where(n > 1, np.sqrt(spread.clip(0) * together / left), np.nan)
+    return np.where(n >= FEWEST, np.sqrt(spread.clip(0) * together / left), np.nan)
 
 
 def _std_of_root(square: NDArray[np.float64], std: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -171,7 +172,7 @@ def _skewness(moments: Moments, spacing: Spacing, c: int) -> tuple[NDArray[np.fl
     variance = moments.central((c, 2))
     g, a4, a5, a6 = (moments.central((c, p)) / variance ** (p / 2) for p in range(3, 7))
     spread = a6 - 6 * a4 + 9 - 3 * g * a5 + 2.25 * g**2 * a4 + 8.75 * g**2
-    enough = moments.count > 2
+    enough = moments.count >= FEWEST
     std = np.sqrt(spread.clip(0) * spacing(c, c, c) / moments.count)
     return np.where(enough, g, np.nan), np.where(enough, std, np.nan)
 
