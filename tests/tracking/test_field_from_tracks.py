@@ -7,6 +7,7 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.simulation.flows import flow
 from plenopiv.tracking import splines
 from plenopiv.tracking.field import field_from_tracks
+from plenopiv.tracking.parts import field_on_grid
 
 LIMITS = ((-1.0, 1.0), (-1.0, 1.0), (-0.8, 0.8))
 FLOW = flow("abc", wavelength_mm=2.4, amplitudes_m_s=(0.1, 0.12, 0.09))
@@ -69,6 +70,53 @@ def test_wrong_links_are_left_out(fields):
 def test_too_few_tracks():
     with pytest.raises(PlenoPIVError, match=r"10 tracks and nodes 0\.2 mm apart make no field"):
         field_from_tracks(np.zeros((10, 3)), np.zeros((10, 3)), np.ones((10, 3)), LIMITS, 0.2)
+
+
+@pytest.mark.parametrize("line", [False, True])
+@pytest.mark.parametrize("turned", [np.eye(3), np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]])
+def test_tracks_in_a_plane_make_no_field_of_a_volume(line, turned):
+    """Beyond it errors were 190 times the error bars: of what nothing decides fits know no scatter."""
+    position, velocity, std = strip(1.0, 0)
+    flat = (position * (0.2, 0.0 if line else 0.5, 0.0)) @ turned
+    with pytest.raises(PlenoPIVError, match="120 tracks in a plane or on a line make no field"):
+        field_from_tracks(flat, velocity, std, ((-2.0, 2.0),) * 3, 1.0)
+
+
+def test_a_thin_sheet_has_a_field():
+    position, velocity, std = strip(1.0, 0)
+    flat = position * (1, 4, 0)
+    field_from_tracks(flat, velocity, std, ((0.0, 4.0), (0.0, 4.0), (-0.2, 0.2)), 1.0)
+    sheet = flat + np.random.default_rng(0).uniform(-1, 1, flat.shape) * (0, 0, 0.005)
+    _, bars = field_from_tracks(sheet, velocity, std, ((0.0, 4.0),) * 3, 1.0).velocity(
+        [(2.0, 2.0, 0.0), (2.0, 2.0, 3.0)]
+    )
+    assert (bars[1] > 100 * bars[0]).all()  # what the sheet does not tell is said
+
+
+def test_tracks_that_are_not_numbers_are_left_out(tracks, fields, places):
+    odd = [np.concatenate([each, each[:9]]) for each in tracks]
+    for k, each in enumerate(odd):
+        each[900 + 3 * k :, k], each[901 + 3 * k, k] = np.nan, np.inf
+    found = field_from_tracks(*odd, LIMITS, 0.4)
+    assert (found.used == [*fields[0].used, *[False] * 9]).all()
+    for one, other in zip(found.velocity(places), fields[0].velocity(places), strict=True):
+        assert (one == other).all()
+
+
+@pytest.mark.parametrize("wrong", [0.0, -0.002])
+def test_an_error_that_is_not_positive_is_named(tracks, wrong):
+    position, velocity, std = tracks
+    std = std.copy()
+    std[7, 1] = wrong
+    with pytest.raises(PlenoPIVError, match=f"std_m_s of track 7 is {wrong:g}, a standard deviation is positive"):
+        field_from_tracks(position, velocity, std, LIMITS, 0.4)
+    with pytest.raises(PlenoPIVError, match="std_m_s of track 7"):
+        field_on_grid(position, velocity, std, LIMITS, (np.zeros(1),) * 3)
+
+
+def test_no_point_has_no_velocity(fields):
+    assert [each.shape for each in fields[0].velocity(np.zeros((0, 3)))] == [(0, 3)] * 2
+    assert fields[0].gradient(np.zeros((0, 3))).shape == (0, 3, 3)
 
 
 def test_tracks_that_are_known_well_do_not_stand_for_flow_that_is_not_resolved():

@@ -40,6 +40,7 @@ TURNS = 2  # folds that error bars are taken from
 OUTLYING = 4.0  # standard deviations of its error from which on a residual leaves its track out, ...
 OF_UNRESOLVED = 8.0  # ... and of what is not resolved, which has tails, by residuals of ...
 AROUND = 16  # ... the tracks about it
+THIN = 1e-3  # of a cell, the scatter across a plane: of splines beyond it next to nothing is known, nor said by bars
 CHANCE = 1.5  # times its true value that a variance by the median of AROUND residuals exceeds in one case of five
 
 Array = NDArray[np.float64]
@@ -93,22 +94,26 @@ def field_from_tracks(
 ) -> TrackField:
     """The field of velocities (n, 3) in m/s, with standard deviations (n, 3), of tracks at (n, 3) mm, within
     ``limits_mm``, nodes ``step_mm`` apart. ``core_mm``: where there are enough tracks in it, these alone choose the
-    smoothing, which takes ten fits: those of half the nodes cost a fifth.
+    smoothing, which takes ten fits: those of half the nodes cost a fifth. Tracks with a number that is not finite are
+    left out.
 
     Raises:
-        PlenoPIVError: fewer tracks than a cubic has coefficients, or in a small part of the volume alone; or a step
-            that is not positive.
+        PlenoPIVError: fewer tracks than a cubic has coefficients, or all in a plane or in another small part of the
+            volume; a standard deviation or a step that is not positive.
     """
     position, velocity, std = (np.asarray(each, np.float64) for each in (position_mm, velocity_m_s, std_m_s))
+    known = known_tracks(position, velocity, std)
+    position, velocity, std = (np.where(known[:, None], each, 1.0) for each in (position, velocity, std))
     if len(position) < LEAST_TRACKS or not step_mm > 0:
         raise PlenoPIVError(
             f"tracking: {len(position)} tracks and nodes {step_mm:g} mm apart make no field; give {LEAST_TRACKS} "
             "tracks or more and a positive distance"
         )
     low, nodes = _nodes(limits_mm, step_mm)
-    inside = ((position >= low) & (position <= [hi for _, hi in limits_mm])).all(1) & np.isfinite(velocity).all(1)
+    inside = ((position >= low) & (position <= [hi for _, hi in limits_mm])).all(1) & known
     if inside.sum() < LEAST_TRACKS:
         raise PlenoPIVError(f"tracking: {inside.sum()} tracks within {limits_mm} mm make no field; enlarge it")
+    _check_scatter(position[inside], limits_mm, step_mm)
     values = values_at(position, low, step_mm, nodes)
     used: NDArray[np.bool_] = np.asarray(inside, np.bool_)
     form, core = (nodes, divergence_free), core_mm or limits_mm
@@ -133,6 +138,7 @@ def field_from_tracks(
         whole, used = np.sqrt(std**2 + finer), np.asarray(inside & (missed < most).all(1), np.bool_)
         if again:
             smoothing = chosen(whole)
+    _check_scatter(position[used], limits_mm, step_mm)
     position, values, velocity, std, whole = (each[used] for each in (position, values, velocity, std, whole))
     noise = whole * np.random.default_rng(seed).standard_normal((REPEATS, *std.shape))
     found = Equations(values, whole, *form).solution(np.concatenate([velocity[None], velocity + noise]), smoothing)
@@ -157,6 +163,34 @@ def field_from_tracks(
     left_over = Unresolved(position[any_held], off[any_held] ** 2, explained, untold[any_held])
     of_all = remainder(found[0], np.ones(len(std), bool))
     return TrackField(found, low, step_mm, nodes, smoothing, chi2 / free, scale, used, of_all, left_over)
+
+
+def known_tracks(position_mm: Array, velocity_m_s: Array, std_m_s: Array) -> NDArray[np.bool_]:
+    """Tracks (n,) whose positions, velocities and standard deviations (n, 3) are all finite.
+
+    Raises:
+        PlenoPIVError: one of these has a standard deviation that is not positive.
+    """
+    known = np.isfinite(np.concatenate([position_mm, velocity_m_s, std_m_s], 1)).all(1)
+    wrong = np.flatnonzero(known & (std_m_s <= 0).any(1))
+    if len(wrong):
+        raise PlenoPIVError(
+            f"tracking: std_m_s of track {wrong[0]} is {std_m_s[wrong[0]].min():g}, a standard deviation is positive; "
+            "leave out tracks whose error is not known"
+        )
+    return np.asarray(known, np.bool_)
+
+
+def _check_scatter(position: Array, limits_mm: Limits, step_mm: float) -> None:
+    """Raise PlenoPIVError where tracks at ``position`` (n, 3) lie in a plane, or on a line, of a volume that is deeper
+    than a cell across it."""
+    variance, directions = np.linalg.eigh(np.cov(position.T))
+    across = np.abs(directions.T) @ [hi - lo for lo, hi in limits_mm]  # of the volume, along each
+    if ((np.sqrt(np.maximum(variance, 0.0)) < THIN * step_mm) & (across > step_mm)).any():
+        raise PlenoPIVError(
+            f"tracking: {len(position)} tracks in a plane or on a line make no field of all of {limits_mm} mm; "
+            "make limits_mm no wider across it than step_mm"
+        )
 
 
 def _nodes(limits_mm: Limits, step_mm: float) -> tuple[Array, Nodes]:

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.threads import each_in_threads, one_blas_thread
-from plenopiv.tracking.field import LEAST_TRACKS, TrackField, field_from_tracks
+from plenopiv.tracking.field import LEAST_TRACKS, TrackField, field_from_tracks, known_tracks
 from plenopiv.volume import Limits, within
 
 SPACING = 1.5  # of nodes, in mean distances between tracks: three tracks to a cell
@@ -56,14 +56,15 @@ def field_on_grid(
 ) -> FieldOnGrid:
     """The field of velocities (n, 3) in m/s, with standard deviations (n, 3), of tracks at (n, 3) mm within
     ``limits_mm``, at the points of a grid, ``axes_mm`` along x, y and z. ``step_mm``: between nodes, by default as
-    far as the density of the tracks allows.
+    far as the density of the tracks allows. Tracks with a number that is not finite are left out.
 
     Raises:
-        PlenoPIVError: fewer than 64 tracks within the limits.
+        PlenoPIVError: fewer than 64 tracks within the limits, all of them in a plane, or a standard deviation that is
+            not positive.
     """
     position, velocity, std = (np.asarray(each, np.float64) for each in (position_mm, velocity_m_s, std_m_s))
     low, high = np.array(limits_mm).T
-    inside = within(position, limits_mm)
+    inside = within(position, limits_mm) & known_tracks(position, velocity, std)
     position, velocity, std = position[inside], velocity[inside], std[inside]
     if len(position) < LEAST_TRACKS:
         raise PlenoPIVError(
@@ -88,7 +89,7 @@ def field_on_grid(
             field = field_from_tracks(
                 *tracks, box, step, divergence_free=divergence_free, seed=number + 1, core_mm=parts[number]
             )
-        except PlenoPIVError:  # all of them in one corner
+        except PlenoPIVError:  # all of them in one corner, or in a plane
             return None
         own[own] = field.used
         return own, field, _on_grid(field, parts[number], limits_mm, axes_mm, beyond)
@@ -109,7 +110,10 @@ def field_on_grid(
             if progress is not None:
                 progress(done, len(parts))
     if not of_parts:
-        raise PlenoPIVError(f"tracking: no part of the volume has {LEAST_TRACKS} tracks; there is no field")
+        raise PlenoPIVError(
+            f"tracking: no part of the volume has {LEAST_TRACKS} tracks that are not all in a plane or a corner; there "
+            "is no field"
+        )
     with np.errstate(invalid="ignore"):
         total, spread = total / weight, spread / weight
     z, y, x = np.meshgrid(*reversed(axes_mm), indexing="ij")

@@ -84,6 +84,8 @@ def add_data(
 def values_at(points: Array, low: Array, step: float, nodes: Nodes, derivative: int | None = None) -> csr_array:
     """Values (n, nodes) of all splines at points (n, 3) in mm, or derivatives (1/mm) along an axis; ``low`` (3,): where
     the grid begins."""
+    if not len(points):  # SciPy makes no matrix without rows
+        return csr_array((0, int(np.prod(nodes))))
     each = []
     for axis in range(3):
         knots = low[axis] + step * (np.arange(nodes[axis] + 4) - 3.0)
