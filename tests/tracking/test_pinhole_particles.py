@@ -204,11 +204,22 @@ def test_noise_of_each_camera_is_its_own():
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [((CAMERAS[:1], 0.7), "two or more"), ((CAMERAS, 0.0), "positive"), ((CAMERAS, [0.7, 0.7]), "one of each"),
-     ((CAMERAS, 0.7, (0, 0, 900.0)), "in front")],
+     ((CAMERAS, 0.7, (0, 0, 900.0)), "in front"),
+     ((CAMERAS, [0.7, np.nan, 0.7, 0.7]), "image_px of the cameras is 0.7, nan, 0.7, 0.7; give positive"),
+     ((CAMERAS, 0.7, (0, 0, 0), 0.0), "brightness of the cameras is 0, 0, 0, 0; give positive"),
+     ((CAMERAS, 0.7, (0, 0, 0), [1.0, 0.0, 1.0, 1.0]), "brightness of the cameras is 1, 0, 1, 1"),
+     ((CAMERAS, 0.7, (0, 0, 0), [1.0, 1.0]), "one of each")],
 )  # fmt: skip
 def test_what_cannot_be_is_said(arguments, said):
     with pytest.raises(PlenoPIVError, match=said):
         PinholeLights(*arguments)
+
+
+@pytest.mark.parametrize("given", [[1.0, 2.0, 0.5, 1.0], (1.0, 2.0, 0.5, 1.0), np.array([1.0, 2.0, 0.5, 1.0])])
+def test_brightness_is_one_number_or_one_of_each_camera(given):
+    assert PinholeLights(CAMERAS, 0.7, brightness=given).brightness == (1.0, 2.0, 0.5, 1.0)
+    assert PinholeLights(CAMERAS, 0.7, brightness=2.0).brightness == (2.0,) * 4
+    assert PinholeLights(CAMERAS, 0.7).brightness == (1.0,) * 4
 
 
 def test_points_behind_a_camera_are_refused():

@@ -9,7 +9,7 @@ a factor gets so much more (``brightness``).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import ceil, pi, sqrt
+from math import ceil, inf, pi, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,7 +62,7 @@ class PinholeLights:
 
     ``image_px``: standard deviation of a particle's image in pixels, a quarter of its e^-2 diameter; of all cameras or
     of each. ``centre_mm``: in the middle of the volume, where the scale of the equations is taken. ``brightness``: of
-    each camera, over the first one's.
+    each camera, over the first one's; by default 1.
 
     Raises:
         PlenoPIVError: fewer than two cameras, numbers that are not as many as these, or an image without extent.
@@ -71,9 +71,9 @@ class PinholeLights:
     def __init__(
         self,
         cameras: Sequence[PinholeCamera],
-        image_px: float | Sequence[float],
+        image_px: ArrayLike,
         centre_mm: ArrayLike = (0.0, 0.0, 0.0),
-        brightness: Sequence[float] | None = None,
+        brightness: ArrayLike | None = None,
     ):
         self.cameras = tuple(cameras)
         count = len(self.cameras)
@@ -81,13 +81,17 @@ class PinholeLights:
             raise PlenoPIVError(f"cameras: {count} given; lines of sight cross from two cameras on, give two or more")
         try:
             self.image_px = tuple(np.broadcast_to(np.asarray(image_px, float), count).tolist())
-            self.brightness = tuple(np.broadcast_to(np.asarray(brightness or 1.0, float), count).tolist())
+            self.brightness = tuple(
+                np.broadcast_to(np.asarray(1.0 if brightness is None else brightness, float), count).tolist()
+            )
         except ValueError:
             raise PlenoPIVError(
                 f"tracking: image_px and brightness are one number, or one of each of the {count} cameras"
             ) from None
-        if not (min(self.image_px) > 0 and min(self.brightness) > 0):
-            raise PlenoPIVError("tracking: image_px and brightness take positive numbers")
+        for name, numbers in (("image_px", self.image_px), ("brightness", self.brightness)):
+            if not all(0 < each < inf for each in numbers):
+                said = ", ".join(f"{each:g}" for each in numbers)
+                raise PlenoPIVError(f"tracking: {name} of the cameras is {said}; give positive numbers")
         self.pixels = [camera.sensor.columns * camera.sensor.rows for camera in self.cameras]
         self.first = np.concatenate([[0], np.cumsum(self.pixels)])  # number of each camera's first pixel
         self.centre_mm = np.asarray(centre_mm, float)
