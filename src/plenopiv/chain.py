@@ -145,16 +145,12 @@ class Chain:
         """The voxels that are reconstructed: ``grid``, or those of lens space that cover its image.
 
         Raises:
-            PlenoPIVError: a ``space`` of other than one plenoptic camera, or not in front of its main lens.
+            PlenoPIVError: a ``space`` of other than one plenoptic camera, or too many voxels.
         """
         if self.space is None:
             return self.grid
-        lens, found = self.camera.main_lens, lens_grid(self.space, self.grid)
-        if (nearest := found.limits_mm()[2][1]) >= lens.object_distance_mm:
-            raise PlenoPIVError(
-                f"volume.z_mm: in lens space it reaches z = {nearest:.6g} mm, which is not in front of the main lens "
-                f"at {lens.object_distance_mm:.6g} mm; is the calibration this camera's?"
-            )
+        _ = self.camera  # one, of which alone a space is known
+        found = lens_grid(self.space, self.grid)
         if max(found.shape) > LARGEST_SIDE:
             raise PlenoPIVError(f"volume.voxel_mm: {max(found.shape)} voxels along one axis of lens space are too many")
         return found
@@ -165,7 +161,7 @@ class Chain:
 
         Raises:
             PlenoPIVError: cameras of both kinds, poses or masks that are not as many as the cameras, a camera that does
-                not see the volume, or as ``lens_grid`` and ``layout``.
+                not see the volume or stands in it, or as ``lens_grid`` and ``layout``.
         """
         grid, weights = self.lens_grid, self.reconstruction.weights
         plenoptic = [camera for camera in self.cameras if isinstance(camera, PlenopticCamera)]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, isfinite
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from plenopiv.errors import PlenoPIVError
 
 Limits = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]  # (lo, hi) in mm along x, y, z
 SAME = 1e-6  # of a voxel: grids that differ by less do by rounding alone
@@ -30,10 +32,19 @@ class VoxelGrid:
         z_mm: tuple[float, float],
         voxel_mm: tuple[float, float, float],
     ) -> VoxelGrid:
-        """The grid between outer faces ``(lo, hi)`` in mm: ceil((hi - lo)/voxel - 1e-6) voxels, centred."""
+        """The grid between outer faces ``(lo, hi)`` in mm: ceil((hi - lo)/voxel - 1e-6) voxels, centred.
+
+        Raises PlenoPIVError for voxels that are not positive, and limits between which there is no voxel.
+        """
         first, count = [], []
-        for (lo, hi), d in zip((x_mm, y_mm, z_mm), voxel_mm, strict=True):
-            n = ceil((hi - lo) / d - 1e-6)
+        for axis, (lo, hi), d in zip("xyz", (x_mm, y_mm, z_mm), voxel_mm, strict=True):
+            if not (isfinite(d) and d > 0):
+                raise PlenoPIVError(f"volume.voxel_mm: {d} along {axis}; give a positive number of mm")
+            n = ceil((hi - lo) / d - 1e-6) if isfinite(hi - lo) else 0
+            if n < 1:
+                raise PlenoPIVError(
+                    f"volume.{axis}_mm: [{lo}, {hi}] holds no voxel of {d} mm; give the lower limit, then the upper one"
+                )
             count.append(n)
             first.append(0.5 * (lo + hi) - 0.5 * (n - 1) * d)
         dx, dy, dz = (float(d) for d in voxel_mm)

@@ -214,3 +214,13 @@ def test_masks_that_are_not_the_cameras():
         _ = replace(chain, unusable=(mask, mask)).projection
     with pytest.raises(PlenoPIVError, match=r"unusable: \d+ x 100 px; give"):
         _ = replace(chain, unusable=(mask[:100],)).projection
+
+
+@pytest.mark.parametrize("z_mm", [(99.0, 102.0), (150.0, 151.0)])
+def test_a_volume_that_reaches_to_the_main_lens(z_mm):
+    """Whether one camera looks at it, or one of two that is turned against it."""
+    behind = VoxelGrid.covering((-0.5, 0.5), (-0.4, 0.4), z_mm, (0.05, 0.05, 0.1))
+    with pytest.raises(PlenoPIVError, match=r"not in front of the main lens at 100 mm; .* are all lengths in mm"):
+        _ = replace(plenoptic_chain(), grid=behind).projection
+    with pytest.raises(PlenoPIVError, match="not in front of the main lens at 100 mm"):
+        _ = replace(two_camera_chain(), grid=behind).projection

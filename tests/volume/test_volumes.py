@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from plenopiv.errors import PlenoPIVError
 from plenopiv.reconstruction.thinning import keeping
 from plenopiv.volume import DenseVolume, SparseVolume, VoxelGrid
 
@@ -103,3 +104,22 @@ def test_grids_agree_but_for_rounding():
         VoxelGrid((0.1, -0.2, 0.3), (0.02, 0.03, 0.1), (30, 20, 11)),
     ):
         assert not grid.agrees_with(other)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("x_mm", (0.5, -0.5), r"volume.x_mm: \[0.5, -0.5\] holds no voxel of 0.02 mm; give the lower limit, then the"),
+        ("y_mm", (0.5, 0.5), r"volume.y_mm: \[0.5, 0.5\] holds no voxel"),
+        ("z_mm", (0.5, 0.5 + 1e-9), "volume.z_mm: .* holds no voxel of 0.08 mm"),
+        ("z_mm", (np.nan, 0.5), r"volume.z_mm: \[nan, 0.5\] holds no voxel"),
+        ("z_mm", (-np.inf, 0.5), r"volume.z_mm: \[-inf, 0.5\] holds no voxel"),
+        ("voxel_mm", (0.02, 0.0, 0.08), "volume.voxel_mm: 0.0 along y; give a positive number of mm"),
+        ("voxel_mm", (-0.02, 0.02, 0.08), "volume.voxel_mm: -0.02 along x"),
+        ("voxel_mm", (0.02, 0.02, np.nan), "volume.voxel_mm: nan along z"),
+    ],
+)
+def test_limits_without_a_voxel_are_refused(key, value, message):
+    good = {"x_mm": (-0.5, 0.5), "y_mm": (-0.4, 0.4), "z_mm": (0.5, 2.0), "voxel_mm": (0.02, 0.02, 0.08)}
+    with pytest.raises(PlenoPIVError, match=message):
+        VoxelGrid.covering(**good | {key: value})

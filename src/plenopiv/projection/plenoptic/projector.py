@@ -38,6 +38,8 @@ class PlenopticProjector:
     plane (``plane_maps``) with ``across`` points across a footprint, or "polygons", the same areas voxel by voxel and
     lens by lens (``by_voxel``): slower, the reference of the maps. ``shifts``: of each view, as ``CameraOnGrid``.
     Rays take the main lens as sharp (``PlenopticCamera.blur_mm``).
+
+    Raises PlenoPIVError for a volume that reaches to the main lens or behind it.
     """
 
     def __init__(
@@ -48,6 +50,12 @@ class PlenopticProjector:
         across: float = ACROSS,
         shifts: NDArray[np.float32] | None = None,
     ):
+        nearest, lens_z = grid.limits_mm()[2][1], layout.camera.main_lens.object_distance_mm
+        if nearest >= lens_z:
+            raise PlenoPIVError(
+                f"volume.z_mm: as the camera sees it, the volume reaches z = {nearest:.6g} mm, which is not in front "
+                f"of the main lens at {lens_z:.6g} mm; is the calibration this camera's, and are all lengths in mm?"
+            )
         self.layout, self.grid, self.weights, self.across = layout, grid, weights, across
         self.rule, self.camera = RULES[weights], CameraOnGrid(layout, grid, shifts)
         self._equations: NDArray[np.bool_] | None = None  # of a tile; all that the layout has otherwise
