@@ -111,10 +111,20 @@ class Volume(Protocol):
 
 @dataclass(frozen=True)
 class DenseVolume:
-    """Intensity of every voxel, float32 (nz, ny, nx)."""
+    """Intensity of every voxel, float32 (nz, ny, nx).
+
+    Raises PlenoPIVError for values of another shape than the grid's, beyond which kernels would read.
+    """
 
     grid: VoxelGrid
     values: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        if np.shape(self.values) != tuple(self.grid.shape):
+            raise PlenoPIVError(
+                f"volume: values {np.shape(self.values)} on a grid of {self.grid.shape} voxels (z, y, x); give one "
+                "value for each voxel"
+            )
 
     def __repr__(self) -> str:
         return f"<DenseVolume {self.grid!r}>"

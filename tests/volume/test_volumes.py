@@ -123,3 +123,11 @@ def test_limits_without_a_voxel_are_refused(key, value, message):
     good = {"x_mm": (-0.5, 0.5), "y_mm": (-0.4, 0.4), "z_mm": (0.5, 2.0), "voxel_mm": (0.02, 0.02, 0.08)}
     with pytest.raises(PlenoPIVError, match=message):
         VoxelGrid.covering(**good | {key: value})
+
+
+@pytest.mark.parametrize("shape", [(10, 7, 9), (9, 7, 10), (10, 10, 7), (700,)])
+def test_values_of_another_shape_than_the_grid_are_refused(shape):
+    with pytest.raises(PlenoPIVError, match=r"on a grid of \(10, 7, 10\) voxels .* one value for each voxel"):
+        DenseVolume(GRID, np.zeros(shape, np.float32))
+    with pytest.raises(PlenoPIVError, match="one value for each voxel"):
+        DenseVolume(GRID, np.zeros(GRID.shape, np.float32)).with_values(np.zeros(shape, np.float32))
