@@ -141,6 +141,26 @@ def test_boards_that_do_not_do(given, depths, message):
         calibrate_pinhole(given, depths, SENSOR, pitch_mm=5.0, name="camera 3")
 
 
+@pytest.mark.parametrize("pitch", [-5.0, 0.0, np.nan, np.inf])
+def test_a_pitch_that_is_none(pitch):
+    """One below zero would give a camera turned by 180 degrees."""
+    with pytest.raises(PlenoPIVError, match=f"camera 3: pitch_mm = {pitch:g} is no distance of dots; give a positive"):
+        calibrate_pinhole(images(2), (0, 5), SENSOR, pitch_mm=pitch, name="camera 3")
+
+
+@pytest.mark.parametrize("z", [np.nan, np.inf])
+def test_a_depth_that_is_none(z):
+    with pytest.raises(PlenoPIVError, match=f"camera: z_mm = 0, {z:g} are not all depths of a board"):
+        calibrate_pinhole(images(2), (0, z), SENSOR, pitch_mm=5.0)
+    points = np.random.default_rng(0).uniform(-10, 10, (50, 3))
+    pixels = placed().project(points)
+    for odd in (points.copy(), pixels.copy()):
+        odd[3, 1] = z
+        given = (odd, pixels) if odd.shape == points.shape else (points, odd)
+        with pytest.raises(PlenoPIVError, match="points_mm or pixels hold numbers that are not finite"):
+            fit_pinhole(*given, SENSOR)
+
+
 def test_nine_dots_are_enough():
     small = [board_image(placed(), z, side_mm=14.0) for z in DEPTHS]
     fit = calibrate_pinhole(small, DEPTHS, SENSOR, pitch_mm=5.0)

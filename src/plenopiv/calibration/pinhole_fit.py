@@ -45,10 +45,15 @@ def calibrate_pinhole(
     """A camera from upright ``images`` (rows, columns) of a board whose dots are ``pitch_mm`` apart (``dot_board``), in
     the planes ``z_mm``, one each. The board moves along z alone; its origin is x = y = 0.
 
-    Raises PlenoPIVError, naming camera and plane, for images without a board, of another size than the sensor's, and
-    for fewer than two depths.
+    Raises PlenoPIVError, naming camera and plane, for images without a board, of another size than the sensor's, for
+    fewer than two depths, and for a depth or a pitch that cannot be.
     """
     depths = np.asarray(z_mm, float)
+    if not 0 < pitch_mm < np.inf:
+        raise PlenoPIVError(f"{name}: pitch_mm = {pitch_mm:g} is no distance of dots; give a positive number of mm")
+    if not np.isfinite(depths).all():
+        said = ", ".join(f"{z:g}" for z in depths.ravel())
+        raise PlenoPIVError(f"{name}: z_mm = {said} are not all depths of a board; give a number of mm for each image")
     if len(images) != depths.size:
         raise PlenoPIVError(f"{name}: {len(images)} board images for {depths.size} depths; give one z for each image")
     if np.unique(depths).size < 2:
@@ -70,11 +75,13 @@ def fit_pinhole(
 ) -> PinholeFit:
     """The camera that images ``points_mm`` (n, 3) nearest to ``pixels`` (n, 2) as (column, row), by least squares.
 
-    Raises PlenoPIVError for fewer than 12 points, and for points in one plane. Warns (``PlenoPIVWarning``) where no
-    such camera fits to half a pixel.
+    Raises PlenoPIVError for fewer than 12 points, points in one plane, and numbers that are not finite. Warns
+    (``PlenoPIVWarning``) where no such camera fits to half a pixel.
     """
     from scipy.optimize import least_squares
 
+    if not (np.isfinite(points_mm).all() and np.isfinite(pixels).all()):
+        raise PlenoPIVError(f"{name}: points_mm or pixels hold numbers that are not finite; leave these dots out")
     spread = np.linalg.svd(points_mm - points_mm.mean(0), compute_uv=False) if len(points_mm) else np.zeros(3)
     if len(points_mm) < FEWEST_POINTS or spread[-1] < 1e-6 * spread[0]:
         raise PlenoPIVError(
