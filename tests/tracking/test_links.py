@@ -7,6 +7,7 @@ import pytest
 
 from plenopiv.simulation.flows import flow
 from plenopiv.tracking import links as linking
+from plenopiv.tracking.expected import expected as expected_in
 from plenopiv.tracking.frame import FrameParticles
 from plenopiv.tracking.links import GATE, link
 
@@ -111,3 +112,36 @@ def test_two_that_might_be_each_other_are_not_linked(gap_mm):
     else:
         assert right.sum() > 0.9 * len(a)
         assert right.mean() > 0.99
+
+
+def test_particles_of_which_something_is_not_known_are_not_linked(frames):
+    """One of them had ended in an error of SciPy's, or taken the links of all with it."""
+    *_, first, second = frames
+    position, light, covariance = first.position_mm.copy(), first.light.copy(), first.covariance.copy()
+    position[3, 2], light[4:7], covariance[7, 0, 0] = np.nan, (np.nan, 0.0, -1.0), np.inf
+    odd = replace(first, position_mm=position, light=light, covariance=covariance)
+    others = np.setdiff1d(np.arange(len(light)), range(3, 8))
+    expected = link(first.of(others), second, predictor, SCATTER_MM, 1.0)
+    found = link(odd, second, predictor, SCATTER_MM, 1.0)
+    assert (found.a == others[expected.a]).all()
+    assert (found.b == expected.b).all()
+    assert (found.cost == expected.cost).all()
+    back = link(second, odd, lambda at: -predictor(at), SCATTER_MM, 1.0)
+    assert len(back.b) > 0.9 * len(second.light)
+    assert not np.isin(back.b, range(3, 8)).any()
+
+
+def test_particles_beyond_the_predictor_are_not_linked(frames):
+    *_, first, second = frames
+
+    def within(at):
+        return np.where(at[:, :1] > 0.5, np.nan, predictor(at))
+
+    found = link(first, second, within, SCATTER_MM, 1.0)
+    assert len(found.a) > 0.9 * (first.position_mm[:, 0] < 0.5).sum()
+    assert first.position_mm[found.a, 0].max() <= 0.5
+    position, light = expected_in(first, second.position_mm, second.light, within, SCATTER_MM, 1.0)
+    assert np.isfinite(position).all()
+    assert len(position) == len(light) >= len(second.light)
+    nowhere = link(first, second, lambda at: np.full_like(at, np.nan), SCATTER_MM, 1.0)
+    assert len(nowhere.a) == 0

@@ -33,7 +33,7 @@ def expected(
 ) -> tuple[Array, Array]:
     """Positions (m, 3) in mm and light (m,) of particles in the second frame of a pair: those of the ``first`` frame,
     in their order, and then those that have entered. ``peak_mm`` (n, 3), ``peak_light`` (n,): of the second volume's
-    brightest voxels; the others as for ``links.link``."""
+    brightest voxels; the others as for ``links.link``. Particles whose displacement is not known are left out."""
     covariance = np.zeros((len(peak_light), 4, 4))
     covariance[:, range(3), range(3)] = (PLACE_OF_A_PEAK * scatter_mm) ** 2
     covariance[:, 3, 3] = (LIGHT_OF_A_PEAK * peak_light) ** 2
@@ -45,9 +45,10 @@ def expected(
         position += of_neighbours(first.position_mm, links.a, peak_mm[links.b] - position[links.a])
         brighter = float(np.median(first.light[links.a] / peak_light[links.b]))
     position[links.a] = peak_mm[links.b]
-    apart, _ = cKDTree(position / scatter_mm).query(peak_mm / scatter_mm)
+    known = np.isfinite(position).all(1)
+    apart, _ = cKDTree(position[known] / scatter_mm).query(peak_mm / scatter_mm)
     entered = apart > SAME
     return (
-        np.concatenate([position, peak_mm[entered]]),
-        np.concatenate([first.light, brighter * peak_light[entered]]),
+        np.concatenate([position[known], peak_mm[entered]]),
+        np.concatenate([first.light[known], brighter * peak_light[entered]]),
     )

@@ -64,11 +64,17 @@ def link(
 
     ``displacement_mm``: of points (n, 3) mm at mid-time (n, 3) mm; ``scatter_mm`` (3,): a first guess of how far
     particles may be from where it says, one standard deviation; ``most_mm``: the largest displacement of a particle.
+    Particles of which something is not known, or the displacement, are not linked.
     """
     if len(first.light) == 0 or len(second.light) == 0:
         nothing = np.empty(0, np.int64)
         return Links(nothing, nothing, np.empty(0), np.asarray(scatter_mm, np.float64))
-    predicted = predicted_displacements(first.position_mm, displacement_mm)
+    known, known_b = np.flatnonzero(_known(first)), np.flatnonzero(_known(second))
+    predicted = predicted_displacements(first.position_mm[known], displacement_mm)
+    known = known[np.isfinite(predicted).all(1)]
+    if len(known) < len(first.light) or len(known_b) < len(second.light):
+        found = link(first.of(known), second.of(known_b), displacement_mm, scatter_mm, most_mm)
+        return replace(found, a=known[found.a], b=known_b[found.b])
     scatter, departure = np.asarray(scatter_mm, np.float64), np.zeros_like(predicted)
     local = np.broadcast_to(scatter, predicted.shape)
     ratio = _ratio_of_light(first, second)
@@ -85,6 +91,12 @@ def link(
         scatter = np.sqrt(np.maximum(spread, 0.0) + 1e-12)
         local = _around(first.position_mm, found.a, own**2 - noise, scatter)
     return found
+
+
+def _known(particles: FrameParticles) -> NDArray[np.bool_]:
+    """Which particles (n,) have finite places and covariances, and light that is positive and finite."""
+    finite = np.isfinite(particles.position_mm).all(1) & np.isfinite(particles.covariance).all((1, 2))
+    return np.asarray(finite & (particles.light > 0) & np.isfinite(particles.light), np.bool_)
 
 
 def predicted_displacements(position_mm: Array, displacement_mm: Predictor) -> Array:
