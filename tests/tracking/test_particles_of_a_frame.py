@@ -1,5 +1,6 @@
 """Particles of one frame: alone, among others, and those that are not there."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numba
@@ -13,7 +14,7 @@ from plenopiv.tracking import areas
 from plenopiv.tracking import covariance as of_fit
 from plenopiv.tracking.covariance import LEAST, covariance_among
 from plenopiv.tracking.evidence import errors_of
-from plenopiv.tracking.frame import particles_of_frame
+from plenopiv.tracking.frame import particles_of_frame, particles_of_second_frame
 from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
 from plenopiv.tracking.peaks import peaks
 from plenopiv.tracking.pixels import Pixels
@@ -82,6 +83,51 @@ def test_no_particles(of_points):
     for first in (np.empty((0, 3)), np.array([[0.1, 0.1, 1.0]])):
         with pytest.raises(PlenoPIVError, match="the pixels speak for no particle"):
             particles_of_frame(of_points, pixels, first, np.full(len(first), LIGHT), LIMITS)
+
+
+@pytest.fixture(scope="module")
+def few():
+    """The pixels of a few particles, some beside each other, and these."""
+    truth = seeded(0.15)
+    near = np.concatenate([truth.position_mm, truth.position_mm[:9] + 2 * VOXEL_MM])
+    return pixels_of(noisy(near, np.full(len(near), LIGHT / GAIN))), near
+
+
+def test_pixels_that_cannot_be_used_speak_for_no_particle(of_points, few):
+    """Of particles that share such pixels alone nothing is known, which ended in a division by zero."""
+    pixels, near = few
+    light = np.full(len(near), LIGHT)
+    with pytest.raises(PlenoPIVError, match="the pixels speak for no particle"):
+        particles_of_frame(of_points, replace(pixels, usable=np.zeros_like(pixels.usable)), near, light, LIMITS)
+    rows, columns = CAMERA.sensor.rows, CAMERA.sensor.columns
+    half = replace(pixels, usable=pixels.usable & (np.arange(rows * columns) % columns < columns // 2))
+    found = particles_of_frame(of_points, half, near, light, LIMITS)
+    assert 0.3 * len(near) < len(found.light) < 0.8 * len(near)
+    own = of_points(found.position_mm)
+    seen = np.bincount(own.point, own.share * half.usable[own.pixel], len(found.light)) / own.whole()
+    assert seen.min() > 0.05
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_guesses_that_are_not_numbers_are_left_out(of_points, few, wrong):
+    pixels, near = few
+    light = np.full(len(near), LIGHT)
+    expected = particles_of_frame(of_points, pixels, near, light, LIMITS)
+    odd, odd_light = np.concatenate([near, near[:2]]), np.concatenate([light, [LIGHT, wrong]])
+    odd[-2, 2] = wrong
+    found = particles_of_frame(of_points, pixels, odd, odd_light, LIMITS)
+    assert (found.position_mm == expected.position_mm).all()
+    second = particles_of_second_frame(of_points, pixels, odd, odd_light, LIMITS)
+    assert np.isfinite(second.position_mm).all()
+
+
+@pytest.mark.parametrize("find", [particles_of_frame, particles_of_second_frame])
+def test_pixels_of_other_cameras_are_refused(of_points, few, find):
+    pixels, near = few
+    fewer = replace(pixels, counts=pixels.counts[:-5], usable=pixels.usable[:-5])
+    count = len(pixels.counts)
+    with pytest.raises(PlenoPIVError, match=f"{count - 5} pixels are given, the cameras have {count}; give"):
+        find(of_points, fewer, near, np.full(len(near), LIGHT), LIMITS)
 
 
 @pytest.mark.parametrize("together", [2000, 2], ids=["at once", "in areas, several at once"])

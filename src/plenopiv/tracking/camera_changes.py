@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from plenopiv.cameras.pinhole import PinholeCamera, rotation_matrix, rotation_vector
 from plenopiv.errors import PlenoPIVError
-from plenopiv.tracking.frame import particles_of_frame
+from plenopiv.tracking.frame import check_pixels, particles_of_frame
 from plenopiv.tracking.light import LightOfPoints
 from plenopiv.tracking.pinhole_light import PinholeLights
 from plenopiv.tracking.pinhole_search import LEAST, bright_spots, of_spots
@@ -199,6 +199,7 @@ def _dark(pixels: Pixels) -> Array:
 
 def _seen(of_points: PinholeLights, pixels: Pixels, limits_mm: Limits) -> Seen:
     """The particles that cameras as they are now show."""
+    check_pixels(of_points, pixels)
     above = _above(of_points, pixels)
     place, _ = of_points.places(above / _dark(pixels), limits_mm)
     each = float(np.nansum(above)) / len(of_points.cameras) / max(len(place), 1)

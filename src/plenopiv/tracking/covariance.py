@@ -66,7 +66,9 @@ def _of_particles(
             if j != n:
                 for p in range(4):
                     for q in range(4):
-                        coupling[e] += b[p, q] * b[p, q] / (block[own[n], p, p] * block[own[j], q, q])
+                        both = block[own[n], p, p] * block[own[j], q, q]
+                        if both > 0.0:  # of a light in no usable pixel nothing is known, nor that of any other with it
+                            coupling[e] += b[p, q] * b[p, q] / both
         order = np.argsort(-coupling)
         m = 0
         for e in order:

@@ -93,7 +93,8 @@ def without_evidence(
     row = np.repeat(np.arange(len(few)), np.diff(normal.indptr))
     both, own = np.flatnonzero(row != normal.indices), np.flatnonzero(row == normal.indices)
     i, j = row[both], normal.indices[both]
-    blocks, scale = normal.data[both], np.sqrt(np.einsum("nii->ni", normal.data[own]))
+    of_each = np.einsum("nii->ni", normal.data[own])  # 0 of a light in no usable pixel
+    blocks, scale = normal.data[both], np.sqrt(np.maximum(of_each, np.finfo(np.float32).tiny))
     common = (blocks / scale[i][:, :, None] / scale[j][:, None, :]) ** 2
     strong = common.sum((1, 2)) > COUPLED
     out = weak.copy()

@@ -72,15 +72,13 @@ def particles_of_frame(
     progress: Progress | None = None,
 ) -> FrameParticles:
     """The particles of one frame from a first guess of positions (n, 3) mm and light (n,) counts; others are looked for
-    within ``limits_mm``.
+    within ``limits_mm``. Guesses with a number that is not finite are left out.
 
     Raises:
-        PlenoPIVError: there is no first guess, or the pixels speak for no particle.
+        PlenoPIVError: there is no first guess, the pixels speak for no particle, or they are not as many as those of
+            the cameras.
     """
-    if len(light) == 0:
-        raise PlenoPIVError(NONE)
-    order = in_order(position_mm[:, :2])
-    position_mm, light = position_mm[order], light[order]
+    position_mm, light = _begun(of_points, pixels, position_mm, light)
     prior = Prior(position_mm, of_points.prior_std_mm)
     light = first_light(of_points, pixels, position_mm, light)
     begin = _Start(position_mm, light, prior, None, np.empty((0, 3)), FIRST_STEPS, PASSES)
@@ -97,15 +95,13 @@ def particles_of_second_frame(
 ) -> FrameParticles:
     """The particles of the second frame of a pair, from where those of the first are expected in it (n, 3) mm, within a
     few voxels, and their light (n,) counts there, one factor of which is free. Nothing else is taken from the first
-    frame: errors of both are independent.
+    frame: errors of both are independent. Those with a number that is not finite are left out.
 
     Raises:
-        PlenoPIVError: fewer than FEWEST of them are there, or the pixels speak for no particle.
+        PlenoPIVError: fewer than FEWEST of them are there, the pixels speak for no particle, or they are not as many
+            as those of the cameras.
     """
-    if len(light) == 0:
-        raise PlenoPIVError(NONE)
-    order = in_order(expected_mm[:, :2])
-    expected_mm, light = expected_mm[order], light[order]
+    expected_mm, light = _begun(of_points, pixels, expected_mm, light)
     prior = Prior(expected_mm, of_points.prior_std_mm)
     fit = refine(of_points, pixels, expected_mm, light, prior, 0)
     _, light, there = present(fit, pixels)
@@ -116,6 +112,26 @@ def particles_of_second_frame(
     begin = _Start(expected_mm[own], light[own], prior.of(own), lights, expected_mm, KNOWN_STEPS, KNOWN_PASSES)
     del fit
     return _in_passes(of_points, pixels, begin, limits_mm, progress)
+
+
+def check_pixels(of_points: LightOfPoints, pixels: Pixels) -> None:
+    """Raise PlenoPIVError where ``pixels`` are not those of the cameras."""
+    if len(pixels.counts) != of_points.frame_pixels:
+        raise PlenoPIVError(
+            f"tracking: {len(pixels.counts)} pixels are given, the cameras have {of_points.frame_pixels}; give the "
+            "image of each camera, in their order"
+        )
+
+
+def _begun(of_points: LightOfPoints, pixels: Pixels, position_mm: Array, light: Array) -> tuple[Array, Array]:
+    """Guesses of positions (n, 3) mm and light (n,) that are finite, neighbours near each other."""
+    check_pixels(of_points, pixels)
+    known = np.isfinite(position_mm).all(1) & np.isfinite(light)
+    position_mm, light = position_mm[known], light[known]
+    if len(light) == 0:
+        raise PlenoPIVError(NONE)
+    order = in_order(position_mm[:, :2])
+    return position_mm[order], light[order]
 
 
 @dataclass(frozen=True)

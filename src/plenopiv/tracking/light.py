@@ -133,6 +133,10 @@ class LightOfPoints(Protocol):
     def prior_std_mm(self) -> Array:
         """Standard deviations (3,) of where a particle may be that pixels tell next to nothing of."""
 
+    @property
+    def frame_pixels(self) -> int:
+        """How many pixels a frame has."""
+
     def __call__(self, position_mm: ArrayLike) -> Lights:
         """The light of points at ``position_mm`` (n, 3)."""
 
@@ -203,6 +207,11 @@ class PointLights:
     def prior_std_mm(self) -> Array:
         """See ``prior_std_mm``."""
         return prior_std_mm(self.camera)
+
+    @property
+    def frame_pixels(self) -> int:
+        """How many pixels a frame has."""
+        return self.camera.sensor.rows * self.camera.sensor.columns
 
     def places(self, excess: Array, limits_mm: Limits, poor: float = POOR) -> tuple[Array, Array]:
         """See ``LightOfPoints`` and ``search``."""

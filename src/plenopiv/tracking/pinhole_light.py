@@ -106,6 +106,11 @@ class PinholeLights:
         """Standard deviations (3,) of a particle that is ``PRIOR_PX`` off in each camera."""
         return PRIOR_PX * self._spread_mm
 
+    @property
+    def frame_pixels(self) -> int:
+        """How many pixels the images of all cameras have."""
+        return int(self.first[-1])
+
     def __call__(self, position_mm: ArrayLike) -> Lights:
         """The light of points at ``position_mm`` (n, 3), x, y, z in mm; a point's shares sum to all cameras'
         ``brightness`` where all of its light falls on their sensors.
