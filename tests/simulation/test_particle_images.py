@@ -11,13 +11,15 @@ import pytest
 from oracles.light import point_image_quadrature, point_image_square
 
 import plenopiv.simulation
-from plenopiv.cameras.plenoptic import MainLens
+from plenopiv.cameras.plenoptic import LensRim, MainLens
 from plenopiv.cameras.presets import preset
 from plenopiv.errors import PlenoPIVError
-from plenopiv.lattice import Lattice
+from plenopiv.lattice import Lattice, LatticeMap
 from plenopiv.sensor import upright
 from plenopiv.simulation.images import diffraction_sigma_mm, particle_image
 from plenopiv.simulation.particles import Particles
+from plenopiv.simulation.real_camera import RealCamera
+from plenopiv.simulation.white import white_image
 
 SQUARE = preset("pmr14")
 TURNED = SQUARE.with_lattice(Lattice("hexagonal", 0.077, 0.02, (0.013, -0.027)))
@@ -210,6 +212,21 @@ def test_particles_behind_the_lens_and_unknown_sampling_are_refused():
         particle_image(SQUARE, points((0, 0, 120.0)))
     with pytest.raises(PlenoPIVError, match="stratified"):
         particle_image(SQUARE, points((0, 0, 1.0)), sampling="sobol")
+
+
+RIM = LensRim(4.0, 0.1, (0.0, 0.0))
+BENT = LatticeMap(2, 1.0, ((0.02, 0.0), (0.0, 0.02), *((0.0, 0.0),) * 3))
+
+
+@pytest.mark.parametrize(
+    "simulate", [lambda camera: particle_image(camera, points((0, 0, 1.0))), white_image, RealCamera.of]
+)
+def test_what_is_not_simulated_of_a_camera_is_said(simulate):
+    """Images of a camera without it would be taken for its own: layout and reconstruction know both."""
+    with pytest.raises(PlenoPIVError, match=r"rim = LensRim\(radius_mm=4\.0.*use replace\(camera, rim=None\)"):
+        simulate(replace(SQUARE, rim=RIM))
+    with pytest.raises(PlenoPIVError, match=r"lattice\.map, of degree 2, is not simulated; use a regular lattice"):
+        simulate(SQUARE.with_lattice(replace(SQUARE.lattice, map=BENT)))
 
 
 def test_simulation_shares_nothing_with_the_projector():

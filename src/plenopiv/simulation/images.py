@@ -28,6 +28,21 @@ def diffraction_sigma_mm(camera: PlenopticCamera, wavelength_nm: float) -> float
     return 0.42 * wavelength_nm * 1e-6 * camera.microlens_focal_length_mm / camera.lattice.pitch_mm
 
 
+def check_simulated(camera: PlenopticCamera) -> None:
+    """Raise PlenoPIVError for a camera with a rim or an array that is not regular: images would be another's, as
+    neither is in the ray tracing."""
+    if camera.rim is not None:
+        raise PlenoPIVError(
+            f"simulation: camera.rim = {camera.rim} is not simulated; use replace(camera, rim=None), or "
+            "simulation.real_camera.RealCamera with stop_mm and rim_radius_mm"
+        )
+    if camera.lattice.map is not None:
+        raise PlenoPIVError(
+            f"simulation: camera.lattice.map, of degree {camera.lattice.map.degree}, is not simulated; use a regular "
+            "lattice, or simulation.real_camera.RealCamera with aspect and array_distortion"
+        )
+
+
 def particle_image(
     camera: PlenopticCamera,
     particles: Particles,
@@ -46,8 +61,10 @@ def particle_image(
     (``diffraction_sigma_mm``); None leaves it out. The same seed gives the same image on any number of threads.
     ``progress(done, total)`` is called with particles done.
 
-    Raises PlenoPIVError for particles at or behind the main lens and for settings out of range.
+    Raises PlenoPIVError for particles at or behind the main lens, for settings out of range, and for a camera that is
+    not simulated (``check_simulated``).
     """
+    check_simulated(camera)
     if rays < 1:
         raise PlenoPIVError(f"simulation: rays = {rays}, give at least 1 ray per particle")
     if sampling not in ("stratified", "random"):

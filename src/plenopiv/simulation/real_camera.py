@@ -80,6 +80,11 @@ class RealCamera:
         f = self.focal_length_mm
         if not 0 < f < self.image_distance_mm:
             raise PlenoPIVError(f"camera: focal length {f:g} mm is not shorter than the image distance")
+        if self.lattice.map is not None:
+            raise PlenoPIVError(
+                f"camera: lattice.map, of degree {self.lattice.map.degree}, is not simulated; use a regular lattice "
+                "with aspect and array_distortion"
+            )
         if self.stop_radius_mm <= 0 or (self.rim_radius_mm is not None and self.rim_radius_mm <= 0):
             raise PlenoPIVError("camera: radii of stop and rim must be positive")
         if -self.stop_mm >= f or self._pupil_way_mm <= 0:
@@ -100,7 +105,15 @@ class RealCamera:
 
     @classmethod
     def of(cls, camera: PlenopticCamera, **real: object) -> RealCamera:
-        """The camera with what its data sheet does not say; its aperture is that of the entrance pupil."""
+        """The camera with what its data sheet does not say; its aperture is that of the entrance pupil.
+
+        Raises PlenoPIVError for a camera whose rim is given as its microlenses see it.
+        """
+        if camera.rim is not None:
+            raise PlenoPIVError(
+                f"camera: rim = {camera.rim} says nothing of where the stop is; use replace(camera, rim=None), and "
+                "stop_mm and rim_radius_mm"
+            )
         lens = camera.main_lens
         behind = max(-float(real.get("stop_mm", 0.0)), 0.0)  # type: ignore[arg-type]
         return cls(

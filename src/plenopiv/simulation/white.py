@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.simulation import kernels
-from plenopiv.simulation.images import diffraction_sigma_mm
+from plenopiv.simulation.images import check_simulated, diffraction_sigma_mm
 from plenopiv.threads import in_threads
 
 
@@ -27,8 +27,9 @@ def white_image(
     keeps its directions. ``falloff`` is the share of light lost in the sensor's corners, growing with the square of
     the distance from its centre. ``diffraction_nm``: wavelength of the microlenses' diffraction blur, or None.
 
-    Raises PlenoPIVError for a falloff outside 0-1.
+    Raises PlenoPIVError for a falloff outside 0-1 and for a camera that is not simulated (``check_simulated``).
     """
+    check_simulated(camera)
     if not 0.0 <= falloff < 1.0:
         raise PlenoPIVError(f"white image: falloff = {falloff}, give the share of light lost in the corners, 0 to 1")
     sensor, lattice = camera.sensor, camera.lattice
