@@ -7,7 +7,8 @@ from conftest import VELOCITY_M_S
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
-from plenopiv.run.preview import cropped, preview
+from plenopiv.io.manifest import Manifest
+from plenopiv.run.preview import cropped, not_of_a_preview, preview
 
 
 @pytest.mark.full
@@ -29,6 +30,21 @@ def test_a_preview_measures_the_middle_and_leaves_results_alone(experiment):
     assert len(again.recording()) == 2
     assert again.recording().white().shape == (again.camera().sensor.rows, again.camera().sensor.columns)
     assert not [path for path in experiment.folder.iterdir() if path.name.startswith(".preview-")]
+    assert not_of_a_preview(folder) == []
+
+
+def test_a_preview_is_known_by_what_its_manifest_names(tmp_path):
+    """All that a run writes, whatever it may be, so that a second preview can replace it."""
+    assert not_of_a_preview(tmp_path / "preview") == []
+    of_pair, others = ["velocity.nc", "volume-a.h5"], ["experiment.toml", "figures/lattice.png", "report.html"]
+    manifest = Manifest({}, {0: {"pair": 0, "files": dict.fromkeys(of_pair, "")}}, dict.fromkeys(others, ""))
+    (tmp_path / "manifest.jsonl").write_text(manifest.text())
+    for name in (*of_pair, *others, "preview.png", "images/a.tif"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert not_of_a_preview(tmp_path) == []
+    (tmp_path / "notes.txt").touch()
+    assert not_of_a_preview(tmp_path) == ["notes.txt"]
 
 
 def test_what_is_cropped_is_seen_by_every_view(experiment):

@@ -27,6 +27,8 @@ from plenopiv.design.advice import Limits, Window
 from plenopiv.device.backend import device_of
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
+from plenopiv.io.manifest import NAME as MANIFEST
+from plenopiv.io.manifest import Manifest
 from plenopiv.io.output import made_stage, sweep_stages
 from plenopiv.recording import Recording
 from plenopiv.report.figures import png, velocity_figure
@@ -43,7 +45,7 @@ WINDOWS_ACROSS = 3.0  # last windows along x and y, as the experiment has them
 ITERATIONS, FINE_PASSES = 3, 2
 SMALLEST = 8  # voxels of a window's side
 FOLDER, IMAGES, STAGE = "preview", "images", ".preview-"
-HELD = {"velocity.nc", "preview.png", "summary.json", "report.html", "experiment.toml", IMAGES}
+PICTURE = "preview.png"
 
 
 def preview(experiment: Experiment, progress: Progress | None = None) -> RunResult:
@@ -57,9 +59,10 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
             ``preview`` is the results folder or holds something else.
     """
     folder = experiment.folder / FOLDER
-    strange = {path.name for path in folder.iterdir()} - HELD if folder.is_dir() else set()
-    if strange or folder.resolve() == experiment.output_directory.resolve():
-        raise PlenoPIVError(f"{folder}: holds something else than a preview; move it, or rename output.directory")
+    if folder.resolve() == experiment.output_directory.resolve():
+        raise PlenoPIVError(f"{folder}: is the results folder, and a preview goes there; rename output.directory")
+    if strange := not_of_a_preview(folder):
+        raise PlenoPIVError(f"{folder}: holds something else than a preview ({', '.join(strange[:3])}); move it")
     device_of(experiment.compute.device, experiment.compute.device_memory_gb)  # now: before images are read
     recording = experiment.recording()
     target, space = target_calibration(experiment, recording), of_experiment.space_of(experiment, recording)
@@ -80,7 +83,7 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
         result = run(
             Experiment.from_dict(tables, images / "experiment.toml"), progress, force=True, space=space, target=target
         )
-        (stage / "preview.png").write_bytes(png(velocity_figure(result.velocity)))
+        (stage / PICTURE).write_bytes(png(velocity_figure(result.velocity)))
         stage.chmod(0o755)  # a temporary folder is its owner's alone
         shutil.rmtree(folder, ignore_errors=True)
         lock.__exit__()
@@ -90,6 +93,16 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
         lock.__exit__()
         shutil.rmtree(stage, ignore_errors=True)
     return replace(result, directory=folder)
+
+
+def not_of_a_preview(folder: Path) -> list[str]:
+    """Names of what ``folder`` holds that no preview wrote: the manifest of its run names what the run did."""
+    if not folder.is_dir():
+        return []
+    manifest = Manifest.read(folder / MANIFEST) or Manifest()
+    written = [*manifest.files, *(name for record in manifest.pairs.values() for name in record["files"])]
+    known = {IMAGES, PICTURE, MANIFEST, *(name.split("/")[0] for name in written)}
+    return sorted({path.name for path in folder.iterdir()} - known)
 
 
 def _pictures(recording: Recording, part: Sensor) -> tuple[dict[str, NDArray], dict[str, Any]]:
