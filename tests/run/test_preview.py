@@ -65,6 +65,19 @@ def test_inner_windows_of_a_preview_are_those_of_its_own_windows(experiment):
     assert "inner_window" not in quick["correlation"]
 
 
+def test_a_preview_follows_drift_where_the_run_does_and_keeps_no_volumes(experiment, monkeypatch):
+    def stopped(small, *arguments, **options):
+        raise PlenoPIVError(f"drift {small.recording_table.drift}, volumes {small.output.volumes}")
+
+    monkeypatch.setattr("plenopiv.run.preview.run", stopped)
+    tables = experiment.model_dump(by_alias=True, exclude_none=True)
+    tables["output"]["volumes"] = True
+    for drift in ("auto", "none"):
+        tables["recording"]["drift"] = drift
+        with pytest.raises(PlenoPIVError, match=f"drift {drift}, volumes False"):
+            preview(Experiment.from_dict(tables, experiment.path))
+
+
 def test_a_preview_that_cannot_be(experiment):
     tables = experiment.model_dump(by_alias=True, exclude_none=True)
     tables["volume"]["x_mm"] = [0.1, 0.7]

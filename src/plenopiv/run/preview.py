@@ -77,7 +77,8 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
         pictures, named = _pictures(recording, part)
         for name, picture in pictures.items():
             tifffile.imwrite(images / name, np.ascontiguousarray(picture))
-        tables["recording"] = named | {"dt_s": recording.dt_s, "orientation": "upright"}
+        drift = experiment.recording_table.drift
+        tables["recording"] = named | {"dt_s": recording.dt_s, "orientation": "upright", "drift": drift}
         _take_body(experiment, tables, images)
         _take_target(tables)
         result = run(
@@ -189,7 +190,7 @@ def cropped(experiment: Experiment, space: SpaceMap | None = None) -> tuple[Sens
     )
     tables["correlation"].pop("inner_window", None)
     tables["correlation"]["fine_passes"] = min(FINE_PASSES, experiment.correlation.fine_passes)
-    tables["output"]["directory"] = ".."
+    tables["output"] |= {"directory": "..", "volumes": False}
     tables.pop("simulation", None)
     return part, tables
 
