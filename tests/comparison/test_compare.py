@@ -236,6 +236,17 @@ def test_the_command_prints_the_table_and_writes_the_page(tmp_path, capsys):
     assert "its folder is not there" in capsys.readouterr().err.replace("\n", " ")
 
 
+def test_a_page_does_not_replace_a_result(tmp_path, capsys):
+    a, b = (results(tmp_path / name, regular()) / "velocity.nc" for name in "ab")
+    alias = tmp_path / "page.html"
+    alias.symlink_to(b)
+    before = b.read_bytes()
+    for out, said in ((b, "use a name that ends in .html"), (alias, "is what would be read")):
+        assert main(["compare", str(a), str(b), "--out", str(out), "--overwrite"]) == 2
+        assert said in capsys.readouterr().err.replace("\n", " ")
+    assert b.read_bytes() == before
+
+
 @pytest.mark.full
 def test_the_command_for_programs(tmp_path, capsys):
     a, b = (results(tmp_path / name, regular().drop_vars("u_std")) for name in "ab")

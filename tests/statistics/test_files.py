@@ -139,6 +139,16 @@ def test_one_line_for_what_cannot_be_read(results, tmp_path, capsys):
     assert [p.name for p in results.iterdir()] == ["velocity.nc"]
 
 
+def test_what_is_read_is_not_replaced(results, capsys):
+    velocity, alias = results / "velocity.nc", results / "alias.nc"
+    alias.symlink_to(velocity)
+    before = velocity.read_bytes()
+    for out in (velocity, alias):
+        assert main(["statistics", str(results), "--out", str(out), "--overwrite"]) == 2
+        assert "is what would be read; write to another name with --out" in capsys.readouterr().err.replace("\n", " ")
+    assert velocity.read_bytes() == before
+
+
 def test_a_series_without_a_vector(results, field_of):
     lost = field_of(np.full((3, 2, 3, 4), np.nan), np.nan, np.zeros((2, 3, 4)), time=0.0)
     write_velocity(results / "velocity.nc", lost)

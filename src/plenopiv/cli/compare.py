@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from plenopiv.cli.progress import Progress
+from plenopiv.cli.replacing import refuse_to_replace
 from plenopiv.cli.terminal import Outcome
 from plenopiv.comparison import Comparison
 from plenopiv.errors import PlenoPIVError, printable
+from plenopiv.io.series_statistics import velocity_file
 
 PAGE = "compare.html"
 
@@ -19,11 +21,13 @@ def compare(a: Path, b: Path, out: Path | None, overwrite: bool) -> Outcome:
     """Compare two results, write the page, and print the table.
 
     Raises:
-        PlenoPIVError: a result cannot be read, nothing is in both, or the page is there already or cannot be written.
+        PlenoPIVError: a result cannot be read, nothing is in both, or the page is no .html, is there already or
+            cannot be written.
     """
     page = out or a.parent / PAGE
-    if page.exists() and not overwrite:
-        raise PlenoPIVError(f"{page}: is there already; use --overwrite, or another name with --out")
+    if page.suffix.lower() != Path(PAGE).suffix:
+        raise PlenoPIVError(f"{page}: a comparison is an HTML page; use a name that ends in .html")
+    refuse_to_replace(page, (velocity_file(a), velocity_file(b)), overwrite, "another name with --out")
     if not page.parent.is_dir():
         raise PlenoPIVError(f"{page}: its folder is not there; make it, or name another with --out")
     from plenopiv.report.comparison import write_comparison

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+from plenopiv.cli.replacing import refuse_to_replace
 from plenopiv.cli.terminal import Outcome
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io import read_velocity
@@ -60,7 +61,7 @@ def export(source: Path, target: Path, z_mm: float | None, time: int | None, ove
         raise PlenoPIVError(f"{target}: {kind} holds all planes; leave --z out")
     if chosen.all_times and time is not None:
         raise PlenoPIVError(f"{target}: {kind} holds all times; leave --time out")
-    _refuse_to_replace(source, target, overwrite)
+    refuse_to_replace(target, (source,), overwrite)
     if of_volume:
         write_volume_vtkhdf(target, volume_in_laboratory(source))
         return Outcome(str(target), {"file": str(target)})
@@ -72,15 +73,6 @@ def export(source: Path, target: Path, z_mm: float | None, time: int | None, ove
     times = _write(kind, source, target, z_mm, time or 0)
     part = f" (time {time or 0} of {times}, counted from 0)" if times > 1 and not chosen.all_times else ""
     return Outcome(f"{target}{part}", {"file": str(target)})
-
-
-def _refuse_to_replace(source: Path, target: Path, overwrite: bool) -> None:
-    """Raise PlenoPIVError where ``target`` is there, or is what is read."""
-    if target.exists():
-        if source.exists() and target.samefile(source):
-            raise PlenoPIVError(f"{target}: is what would be read; write to another name")
-        if not overwrite:
-            raise PlenoPIVError(f"{target}: is there already; use --overwrite, or another name")
 
 
 def _write(kind: str, source: Path, target: Path, z_mm: float | None, time: int) -> int:

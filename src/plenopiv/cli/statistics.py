@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plenopiv.cli.progress import Progress
+from plenopiv.cli.replacing import refuse_to_replace
 from plenopiv.cli.terminal import Outcome
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.io.aside import written_aside
@@ -33,15 +34,15 @@ def statistics(
     """Write the statistics of a series and, but for phase averages, the figure of their convergence.
 
     Raises:
-        PlenoPIVError: fields or phases cannot be read; the file is there already.
+        PlenoPIVError: fields or phases cannot be read; the file is there already, or is what is read.
     """
     target = out or velocity_file(results).with_name(BY_PHASE if phase else STATISTICS)
     if target.suffix.lower() != ".nc":
         raise PlenoPIVError(f"{target}: statistics are netCDF files; use a name that ends in .nc")
     figures = [] if phase else [target.with_suffix(kind) for kind in (".png", ".pdf")]
+    sources = (velocity_file(results), *([phase] if phase else []))
     for path in (target, *figures):
-        if path.exists() and not overwrite:
-            raise PlenoPIVError(f"{path}: is there already; use --overwrite, or another name with --out")
+        refuse_to_replace(path, sources, overwrite, "another name with --out")
     phases = Phases.read(phase, period) if phase else None
     options: dict[str, Any] = {"replaced": replaced} | ({} if lags is None else {"lags": lags})
     with Progress() as progress:
