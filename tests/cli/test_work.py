@@ -72,8 +72,28 @@ def test_info_of_a_velocity_file_and_of_others(tmp_path, capsys, one_line):
     assert "4 x 3 x 2" in text
     assert "75.0 % measured" in text
     assert "mean -0.2" in text
+    assert "missing" not in text
     assert "info reads experiment files" in one_line("info", tmp_path / "notes.txt")
     assert "no such file" in one_line("info", tmp_path / "none.nc")
+
+
+def test_info_counts_what_is_not_there_as_not_measured(tmp_path, capsys):
+    """Of two pairs one was set aside, and of the other's vectors a quarter was replaced."""
+    import xarray as xr
+
+    from plenopiv.io import write_velocity
+
+    dims, shape = ("time", "z", "y", "x"), (2, 2, 3, 4)
+    valid = (np.arange(48).reshape(shape) < 18).astype(np.int8)
+    speed = np.ones(shape)
+    speed[1] = np.nan
+    axes = {"time": [0.0, 1.0], "z": np.arange(2.0), "y": np.arange(3.0), "x": np.arange(4.0)}
+    values = dict.fromkeys("uvw", (dims, speed)) | {"valid": (dims, valid)}
+    write_velocity(tmp_path / "velocity.nc", xr.Dataset(values, axes))
+    assert main(["info", str(tmp_path / "velocity.nc")]) == 0
+    text = capsys.readouterr().out
+    assert "37.5 % measured, the rest replaced or missing" in text
+    assert "24, of pairs that were set aside or inside the body" in text
 
 
 @pytest.mark.full

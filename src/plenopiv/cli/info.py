@@ -100,16 +100,22 @@ def _experiment(file: Path) -> Lines:
 
 def _velocity(file: Path) -> Lines:
     from plenopiv.io.netcdf import read_velocity
-    from plenopiv.velocity import replaced_share, vectors_inside_body
+    from plenopiv.velocity import replaced, vectors_inside_body
 
     dataset = read_velocity(file)
     sizes = dataset.sizes
     vectors = prod(sizes[name] for name in ("time", "z", "y", "x"))
     valid = dataset["valid"].values == 1
+    absent = vectors - int((valid | replaced(dataset).values).sum())
     lines = [
         ("vectors", f"{sizes['x']} x {sizes['y']} x {sizes['z']} at {sizes['time']} time(s), {vectors} in all"),
-        ("valid", f"{100 * (1 - replaced_share(dataset)):.1f} % measured, the rest replaced"),
+        (
+            "valid",
+            f"{100 * valid.mean():.1f} % measured, the rest {'replaced' if not absent else 'replaced or missing'}",
+        ),
     ]
+    if absent:
+        lines.append(("missing", f"{absent}, of pairs that were set aside or inside the body"))
     if (inside := vectors_inside_body(dataset)) is not None:
         lines.append(("inside body", f"{inside}, not measured"))
     for axis in "xyz":
