@@ -5,6 +5,7 @@ import pytest
 from drafted_recording import edit
 
 from plenopiv.cli import main
+from plenopiv.displacement.windows import step_of
 from plenopiv.experiment import Experiment
 
 SIMULATION = """
@@ -75,6 +76,17 @@ def test_info_of_a_velocity_file_and_of_others(tmp_path, capsys, one_line):
     assert "missing" not in text
     assert "info reads experiment files" in one_line("info", tmp_path / "notes.txt")
     assert "no such file" in one_line("info", tmp_path / "none.nc")
+
+
+def test_info_rounds_the_spacing_of_vectors_as_a_run_does(folder, capsys):
+    file = edit(folder, "overlap = 0.5", "overlap = 0.7")
+    capsys.readouterr()
+    assert main(["info", str(file)]) == 0
+    table = Experiment.load(file)
+    steps = [step_of(n, 0.7) for n in table.correlation.windows[-1]]
+    assert steps != [0.3 * n for n in table.correlation.windows[-1]]
+    spacing = " x ".join(f"{1e3 * d * n:.3g}" for d, n in zip(table.volume.voxel_mm, steps, strict=True))
+    assert f"every {spacing} um" in capsys.readouterr().out
 
 
 def test_info_counts_what_is_not_there_as_not_measured(tmp_path, capsys):

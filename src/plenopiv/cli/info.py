@@ -10,6 +10,7 @@ import numpy as np
 
 from plenopiv.cameras.coverage import seen_by_every_view_mm
 from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.displacement.windows import step_of
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
 from plenopiv.run import memory
@@ -80,7 +81,8 @@ def _experiment(file: Path) -> Lines:
     lines.append(("memory", f"a run takes about {needed.peak / 1e9:.2g} GB"))
     windows = experiment.correlation.windows
     last = windows[-1]
-    spacing = [1e3 * d * n * (1 - experiment.correlation.overlap) for d, n in zip(grid.voxel_mm, last, strict=True)]
+    overlap = experiment.correlation.overlap
+    spacing = [1e3 * d * step_of(n, overlap) for d, n in zip(grid.voxel_mm, last, strict=True)]
     lines.append(("windows", " -> ".join(" x ".join(map(str, window)) for window in windows) + " voxels"))
     sub_window = experiment.correlation.settings().sub_window
     if sub_window is not None:
