@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import subprocess
 import sys
 
@@ -9,11 +10,13 @@ import numpy as np
 import pytest
 import tifffile
 from drafted_recording import edit
+from matplotlib.figure import Figure
 from test_work import SIMULATION
 
 from plenopiv.cli import main
 from plenopiv.cli import progress as progress_module
 from plenopiv.cli.terminal import coloured, terminal
+from plenopiv.run.light_field_images import Views
 
 LATTICE = "rotation_deg = 0.4\noffset_mm = [0.01, 0.02]\npitch_mm = 0.077 "
 
@@ -77,6 +80,27 @@ def test_views_and_refocus_draw(made, capsys, one_line):
     assert capsys.readouterr().out.splitlines()[-1].endswith("refocus-b.png")
     assert "is no frame of this recording; give a name (a.tif, b.tif)" in one_line("views", made, "c.tif")
     assert "main lens, which is at z = 100 mm" in one_line("refocus", made, "--z", "120")
+
+
+def test_pictures_of_frames_of_one_name_are_different_files(folder, monkeypatch):
+    for k, name in enumerate(("frame9.tif", "frame10.tif"), 1):
+        (folder / f"p{k}").mkdir()
+        (folder / name).rename(folder / f"p{k}" / "a.tif")
+    file = folder / "experiment.toml"
+    file.write_text(re.sub(r"frames = .*", 'frames = ["p1/a.tif", "p2/a.tif"]\ndrift = "none"', file.read_text()))
+    images = "plenopiv.run.light_field_images"
+    monkeypatch.setattr(f"{images}.calibrated_camera", lambda experiment, recording: (experiment.camera(), None))
+    monkeypatch.setattr(f"{images}.decode", lambda image, layout: image)
+    monkeypatch.setattr(f"{images}.views", lambda lightfield, across: Views([], *(np.zeros(1),) * 4))
+    monkeypatch.setattr(f"{images}.focal_stack", lambda lightfield, z, progress: ([], np.zeros(1), np.zeros(1)))
+    for drawing in ("contact_sheet", "depth_strip"):
+        monkeypatch.setattr(f"plenopiv.report.light_field.{drawing}", lambda *shown: Figure())
+    for number in ("1", "2"):
+        assert main(["views", str(file), number]) == 0
+        assert main(["refocus", str(file), number, "--z", "0"]) == 0
+    assert sorted(path.name for path in (folder / "look").iterdir()) == [
+        "refocus-a-0.png", "refocus-a-1.png", "views-a-0.png", "views-a-1.png"
+    ]  # fmt: skip
 
 
 def test_errors_and_results_as_json(tmp_path, capsys):

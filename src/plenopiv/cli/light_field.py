@@ -37,10 +37,10 @@ def views(file: Path, frame: str | None, across: int) -> Outcome:
     from plenopiv.report.light_field import contact_sheet
     from plenopiv.run import light_field_images
 
-    lightfield, source = light_field_images.light_field(experiment, frame)
+    lightfield, recording, k = light_field_images.light_field(experiment, frame)
     seen = light_field_images.views(lightfield, across)
-    sheet = contact_sheet(seen.pictures, seen.u_mm, seen.v_mm, seen.x_mm, seen.y_mm, source.name)
-    return _drawn(experiment, f"views-{source.stem}.png", sheet)
+    sheet = contact_sheet(seen.pictures, seen.u_mm, seen.v_mm, seen.x_mm, seen.y_mm, recording.names[k])
+    return _drawn(experiment, f"views-{recording.stem(k)}.png", sheet)
 
 
 def refocus(file: Path, z_mm: Sequence[float], frame: str | None) -> Outcome:
@@ -56,11 +56,12 @@ def refocus(file: Path, z_mm: Sequence[float], frame: str | None) -> Outcome:
     from plenopiv.report.light_field import depth_strip
     from plenopiv.run import light_field_images
 
-    lightfield, source = light_field_images.light_field(experiment, frame)
+    lightfield, recording, k = light_field_images.light_field(experiment, frame)
     depths = list(z_mm) or light_field_images.depths(experiment)
     with Progress() as progress:
         pictures, x, y = light_field_images.focal_stack(lightfield, depths, progress)
-    return _drawn(experiment, f"refocus-{source.stem}.png", depth_strip(pictures, depths, x, y, source.name))
+    strip = depth_strip(pictures, depths, x, y, recording.names[k])
+    return _drawn(experiment, f"refocus-{recording.stem(k)}.png", strip)
 
 
 def check(file: Path, every: bool = False) -> Outcome:

@@ -213,6 +213,11 @@ class Recording:
             out.append(name if both[name] == 1 else other if of_longer[other] == 1 else f"{other} ({k})")
         return out
 
+    def stem(self, k: int) -> str:
+        """What the names of files made of frame ``k`` hold; with its number where other frames are called the same."""
+        stem = self.frames[k].stem
+        return stem if sum(frame.stem == stem for frame in self.frames) == 1 else f"{stem}-{k}"
+
     def __len__(self) -> int:
         return len(self.frames)
 

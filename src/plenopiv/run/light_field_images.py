@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.lightfield import LightField, decode, layout
-from plenopiv.recording import ImageSource, Recording
+from plenopiv.recording import Recording
 from plenopiv.refocusing import image_axes, refocused, sub_aperture
 from plenopiv.run import space
 from plenopiv.run.calibrated import calibrated_camera
@@ -35,8 +35,9 @@ class Views:
     y_mm: NDArray[np.float64]
 
 
-def light_field(experiment: Experiment, frame: str | None) -> tuple[LightField, ImageSource]:
-    """The light field of a frame, by its name or its number from 1, and where it came from; the first by default.
+def light_field(experiment: Experiment, frame: str | None) -> tuple[LightField, Recording, int]:
+    """The light field of a frame, by its name or its number from 1, its recording, and its number in there from 0; the
+    first by default.
 
     Raises:
         PlenoPIVError: there is no such frame, an image cannot be used, or no lattice is found.
@@ -46,7 +47,7 @@ def light_field(experiment: Experiment, frame: str | None) -> tuple[LightField, 
     camera, _ = calibrated_camera(experiment, recording)
     if experiment.drift_measured:
         camera, _ = with_drift(camera, recording)
-    return decode(recording.frame(k), layout(camera)), recording.frames[k]
+    return decode(recording.frame(k), layout(camera)), recording, k
 
 
 def number_of(recording: Recording, frame: str | None) -> int:

@@ -230,11 +230,8 @@ def path_in(folder: Path, name: str, while_there: Path | None) -> Path:
 
 
 def volume_file(recording: Recording, number: int) -> str:
-    """Name of the file of a frame's volume in the results folder; with its number where other frames are called the
-    same."""
-    stem = recording.frames[number].stem
-    alone = sum(source.stem == stem for source in recording.frames) == 1
-    return f"volume-{stem}.h5" if alone else f"volume-{stem}-{number}.h5"
+    """Name of the file of a frame's volume in the results folder."""
+    return f"volume-{recording.stem(number)}.h5"
 
 
 def numbers_of(velocity: xarray.Dataset, voxel_mm: tuple[float, float, float], dt_s: float) -> dict[str, Any]:
