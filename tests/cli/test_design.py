@@ -99,4 +99,6 @@ def test_design_refuses_what_it_would_overwrite_and_strange_densities(tmp_path, 
     (tmp_path / "d" / "design.json").write_text("{}")
     assert "--overwrite" in one_line("design", sheet, tmp_path / "d", "--no-simulate")
     assert "positive numbers" in one_line("design", sheet, "--density", "-1")
+    assert "--density inf: give positive numbers" in one_line("design", sheet, "--density", "inf")
+    assert "--depth -inf 0: give two finite" in one_line("design", sheet, "--no-simulate", "--depth", "-inf", "0")
     assert "no such file" in one_line("design", tmp_path / "pmr15")

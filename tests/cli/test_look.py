@@ -103,6 +103,13 @@ def test_pictures_of_frames_of_one_name_are_different_files(folder, monkeypatch)
     ]  # fmt: skip
 
 
+def test_refocus_asks_for_depths_that_are_in_front_of_the_lens(folder, one_line):
+    for z in ("-inf", "nan", "inf", "120"):
+        line = one_line("refocus", folder / "experiment.toml", f"--z={z}")
+        assert f"--z {z}: depths must be finite, in front of the main lens, which is at z = 100 mm" in line
+    assert not (folder / "look").exists()
+
+
 def test_errors_and_results_as_json(tmp_path, capsys):
     assert main(["info", str(tmp_path / "none.toml"), "--json"]) == 2
     (event,) = events(capsys.readouterr().out)

@@ -87,6 +87,8 @@ def test_files_periods_and_pairs_that_cannot_be(tmp_path):
     (tmp_path / "signal.csv").write_bytes(b"pair,phase\n0,\xff\n")
     with pytest.raises(PlenoPIVError, match="is no CSV text"):
         Phases.read(tmp_path / "signal.csv")
+    with pytest.raises(PlenoPIVError, match=r"pair 3: a phase of 1e\+308 is too large"):
+        phases(tmp_path, "pair,phase\n0,1\n3,1e308\n", period=1e-5).bins_of(2)
     with pytest.raises(PlenoPIVError, match="a period of 0"):
         phases(tmp_path, "pair,phase\n0,1\n", period=0.0)
     found = phases(tmp_path, "pair,phase\n0,1\n7,1\n")

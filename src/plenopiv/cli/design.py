@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +41,11 @@ def design(
     """
     if folder is not None and (folder / FILE).exists() and not overwrite:
         raise PlenoPIVError(f"{folder}: holds a design already; use --overwrite, or another folder")
-    if any(not density > 0 for density in densities):
-        raise PlenoPIVError("--density: give positive numbers of particles per microlens")
+    for density in densities:
+        if not 0 < density < inf:
+            raise PlenoPIVError(f"--density {density:g}: give positive numbers of particles per microlens")
+    if depth_mm is not None and not all(map(isfinite, depth_mm)):
+        raise PlenoPIVError(f"--depth {depth_mm[0]:g} {depth_mm[1]:g}: give two finite numbers of mm")
     camera, stated = _camera(sheet)
     depth = depth_mm or stated
     try:

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
+from math import inf
 from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING
@@ -51,8 +52,11 @@ def refocus(file: Path, z_mm: Sequence[float], frame: str | None) -> Outcome:
     """
     experiment = Experiment.load(file)
     lens_z = experiment.camera().main_lens.object_distance_mm
-    if any(not z < lens_z for z in z_mm):
-        raise PlenoPIVError(f"--z: depths must be in front of the main lens, which is at z = {lens_z:.6g} mm")
+    for z in z_mm:
+        if not -inf < z < lens_z:
+            raise PlenoPIVError(
+                f"--z {z:g}: depths must be finite, in front of the main lens, which is at z = {lens_z:.6g} mm"
+            )
     from plenopiv.report.light_field import depth_strip
     from plenopiv.run import light_field_images
 

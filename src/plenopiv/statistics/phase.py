@@ -61,9 +61,19 @@ class Phases:
         return cls(found, float(period), str(path))
 
     def bins_of(self, bins: int) -> dict[int, int]:
-        """The bin of each pair: bin k is centred on k/bins of the period."""
+        """The bin of each pair: bin k is centred on k/bins of the period.
+
+        Raises:
+            PlenoPIVError: no bins, or a phase of so many periods that its place in one is lost.
+        """
         if bins < 1:
             raise PlenoPIVError(f"phase averages in {bins} bins are none; use 1 or more")
+        for pair, phase in self.of_pair.items():
+            if not np.spacing(abs(phase)) < self.period:  # the next number is another period already
+                raise PlenoPIVError(
+                    f"{self.source}: pair {pair}: a phase of {phase:g} is too large for its place in a period of "
+                    f"{self.period:g} to be known; subtract whole periods"
+                )
         return {pair: int(np.floor(phase / self.period * bins + 0.5)) % bins for pair, phase in self.of_pair.items()}
 
     def check(self, pairs: int) -> None:
