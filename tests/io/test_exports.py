@@ -1,5 +1,7 @@
 """Velocity and volumes for other programs: read back with VTK itself, signs and places as in velocity.nc."""
 
+import itertools
+
 import h5py
 import numpy as np
 import pytest
@@ -47,6 +49,32 @@ def test_vtk_reads_several_times(tmp_path, pyvista):
         assert reader.GetTimeValue() == time
         np.testing.assert_allclose(mesh["velocity"][:, 2], 100 * mesh.points[:, 2] + 1000 * number, rtol=1e-6)
         assert (mesh["valid"] == 0).sum() == 1
+
+
+@pytest.mark.parametrize("times", [1, 2])
+@pytest.mark.parametrize("shape", list(itertools.product((1, 3), (1, 4), (1, 5))))
+def test_vtk_reads_axes_of_one_vector(tmp_path, pyvista, shape, times):
+    """Of such axes arrays have none in the file: VTK otherwise refuses them."""
+    given = field(times).isel({axis: slice(-n, None) for axis, n in zip("zyx", shape, strict=True)})
+    write_vtkhdf(tmp_path / "field.vtkhdf", given)
+    reader = pyvista.get_reader(tmp_path / "field.vtkhdf").reader
+    for number in range(times):
+        reader.SetStep(number)
+        reader.Update()
+        mesh = pyvista.wrap(reader.GetOutput())
+        assert mesh.dimensions == shape[::-1]
+        expected = [given[name].values[number].ravel() for name in "uvw"]
+        np.testing.assert_allclose(mesh["velocity"].T, expected, rtol=1e-6)
+        np.testing.assert_array_equal(mesh["valid"], given.valid.values[number].ravel())
+
+
+@pytest.mark.parametrize("shape", list(itertools.product((1, 9), (1, 6), (1, 7))))
+def test_vtk_reads_volumes_of_one_voxel_along_an_axis(tmp_path, pyvista, shape):
+    volume = SparseVolume.from_mask(VoxelGrid((1.0, -2.0, 0.5), (0.1, 0.2, 0.4), shape), np.ones(shape, bool))
+    volume = volume.with_values(np.arange(1, volume.column.size + 1, dtype=np.float32))
+    write_volume_vtkhdf(tmp_path / "volume.vtkhdf", volume)
+    mesh = pyvista.read(tmp_path / "volume.vtkhdf")
+    np.testing.assert_array_equal(mesh["intensity"].reshape(shape), volume.dense().values)
 
 
 def test_vtk_reads_a_volume(tmp_path, pyvista):

@@ -43,6 +43,7 @@ def write_vtkhdf(path: str | Path, dataset: xarray.Dataset) -> None:
             small = np.uint8 if values.dtype == bool else np.float32 if values.dtype == np.float64 else values.dtype
             with np.errstate(over="ignore"):  # what is beyond single precision is infinite in it
                 kept = values.astype(small) if several else values.astype(small)[0]
+            kept = kept.reshape(*(kept.shape[:several] + _held(shape) or (1,)), kept.shape[-1])
             array = points.create_dataset(printable(name), data=kept, compression="gzip", shuffle=True)
             array.attrs["units"] = units_of(dataset[parts[0]])  # VTK has no place for them and reads past them
         points.parent.attrs["units"], points.parent.attrs["axes"] = "mm", frame_of(dataset)
@@ -55,13 +56,22 @@ def write_volume_vtkhdf(path: str | Path, volume: Volume, name: str = "intensity
         PlenoPIVError: the file cannot be written; nothing is left behind.
     """
     grid = volume.grid
-    nz, ny, nx = grid.shape
+    nz = grid.shape[0]
     with _image(path, grid.first_mm, grid.voxel_mm, grid.shape) as points:
-        chunks = (1, min(ny, 256), min(nx, 1024))
-        out = points.create_dataset(name, grid.shape, np.float32, chunks=chunks, compression="gzip", compression_opts=1)
+        held = _held(grid.shape) or (1,)
+        chunks = tuple(min(n, most) for n, most in zip(grid.shape, (1, 256, 1024), strict=True) if n > 1) or None
+        out = points.create_dataset(name, held, np.float32, chunks=chunks, compression="gzip", compression_opts=1)
         for lo in range(0, nz, SLAB):
             hi = min(lo + SLAB, nz)
-            out[lo:hi] = volume.slab(lo, hi)
+            if nz > 1:
+                out[lo:hi] = volume.slab(lo, hi).reshape(hi - lo, *held[1:])
+            else:
+                out[...] = volume.slab(lo, hi).reshape(held)
+
+
+def _held(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """The axes of a grid that arrays have in the file: readers want none along which there is one point alone."""
+    return tuple(n for n in shape if n > 1)
 
 
 @contextmanager
