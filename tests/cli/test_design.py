@@ -102,3 +102,9 @@ def test_design_refuses_what_it_would_overwrite_and_strange_densities(tmp_path, 
     assert "--density inf: give positive numbers" in one_line("design", sheet, "--density", "inf")
     assert "--depth -inf 0: give two finite" in one_line("design", sheet, "--no-simulate", "--depth", "-inf", "0")
     assert "no such file" in one_line("design", tmp_path / "pmr15")
+
+
+@pytest.mark.parametrize("option", [["--compare"], ["--density", "1"]])
+def test_what_asks_for_twins_is_refused_where_none_shall_be_simulated(tmp_path, one_line, option):
+    sheet = written(tmp_path / "optics.json")
+    assert f"{option[0]}: asks for simulated twins" in one_line("design", sheet, "--no-simulate", *option)

@@ -18,7 +18,6 @@ app = typer.Typer(
 
 ExperimentFile = Annotated[Path, typer.Argument(metavar="EXPERIMENT", help="The experiment file (.toml).")]
 Frame = Annotated[str | None, typer.Argument(metavar="[FRAME]", help="Its file's name, or its number from 1.")]
-DENSITIES = (0.5, 1.0, 2.0)  # particles per microlens that design simulates
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is already there.")]
 Force = Annotated[
     bool, typer.Option("--force", help="Measure what the checks call unusable; velocity.nc says quality = forced.")
@@ -323,8 +322,7 @@ def design(
     """
     from plenopiv.cli.design import design
 
-    densities = (density or DENSITIES) if simulate else ()
-    _finish("design", design(sheet, folder, depth, densities, compare, overwrite))
+    _finish("design", design(sheet, folder, depth, density or (), simulate, compare, overwrite))
 
 
 @app.command()

@@ -23,6 +23,7 @@ from plenopiv.run import duration, memory
 
 FILE = "design.json"
 FRAMES = 2
+DENSITIES = (0.5, 1.0, 2.0)  # particles per microlens
 
 
 def design(
@@ -30,17 +31,22 @@ def design(
     folder: Path | None,
     depth_mm: tuple[float, float] | None,
     densities: Sequence[float],
+    simulate: bool,
     compare: bool,
     overwrite: bool,
 ) -> str:
     """Work out a camera from its optics sheet, or a preset's name; write into ``folder``, if there is one, design.json,
-    design.txt and design.png. Returns the text.
+    design.txt and design.png. Returns the text. ``densities``: of the twins; some are chosen where there are none.
 
     Raises:
-        PlenoPIVError: the sheet is wrong, the optics contradict one another, or the folder holds a design already.
+        PlenoPIVError: the sheet is wrong, the optics contradict one another, the folder holds a design already, or
+            ``densities`` or ``compare`` ask for what is not to be simulated.
     """
     if folder is not None and (folder / FILE).exists() and not overwrite:
         raise PlenoPIVError(f"{folder}: holds a design already; use --overwrite, or another folder")
+    for asked, option in ((densities, "--density"), (compare, "--compare")):
+        if asked and not simulate:
+            raise PlenoPIVError(f"{option}: asks for simulated twins; leave it out, or --no-simulate")
     for density in densities:
         if not 0 < density < inf:
             raise PlenoPIVError(f"--density {density:g}: give positive numbers of particles per microlens")
@@ -50,7 +56,8 @@ def design(
     depth = depth_mm or stated
     try:
         with Progress() as progress:
-            found = designed(camera, depth, densities=densities, simulate_variants=compare, progress=progress)
+            simulated = (densities or DENSITIES) if simulate else ()
+            found = designed(camera, depth, densities=simulated, simulate_variants=compare, progress=progress)
     except PlenoPIVError as error:
         raise PlenoPIVError(f"{sheet}: {error}") from None
     text = as_text(found)
