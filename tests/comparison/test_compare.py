@@ -149,6 +149,17 @@ def test_the_same_names_in_other_folders_are_other_files(tmp_path):
     assert found.settings[0].b == str(tmp_path / "2" / "white.tif")
 
 
+def test_images_of_a_target_are_the_same_from_whatever_folder(tmp_path):
+    settings = SETTINGS + '\n[calibration]\nplanes = [{{ image = "{}target.tif", z_mm = 1.5 }}]\n'
+    a = results(tmp_path / "a", regular(), settings.format("../"))
+    same = results(tmp_path / "b", regular(), settings.format(f"{tmp_path}/"))
+    assert plenopiv.compare(a, same).settings == ()
+    other = results(tmp_path / "c" / "results", regular(), settings.format("../"))
+    (planes,) = (s for s in plenopiv.compare(a, other).settings if s.key.startswith("calibration"))
+    assert planes.a == [{"image": str(tmp_path / "target.tif"), "z_mm": 1.5}]
+    assert planes.b == [{"image": str(tmp_path / "c" / "target.tif"), "z_mm": 1.5}]
+
+
 def test_without_experiment_file_there_are_no_voxels(tmp_path):
     a, b = (results(tmp_path / name, regular(), None) for name in "ab")
     found = plenopiv.compare(a / "velocity.nc", b)

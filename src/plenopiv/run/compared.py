@@ -26,7 +26,7 @@ VELOCITY, EXPERIMENT = "velocity.nc", "experiment.toml"
 SAME_TIME = 1e-3  # of dt: times nearer than this are the same
 KEYWORDS = {"none", "minimum"}  # of [recording], in place of a file's name
 OF_RECORDING = ("white", "dark", "frames", "pairs", "background", "mask")
-FILES = {"volume.body", *(f"recording.{key}" for key in OF_RECORDING)}
+FILES = {"volume.body", "calibration.planes", *(f"recording.{key}" for key in OF_RECORDING)}
 LEFT_OUT = "output."  # where results are is no setting of theirs
 
 Progress = Callable[[str, int, int], None]
