@@ -123,6 +123,19 @@ def test_phases_on_the_command_line(results, tmp_path, capsys):
     assert "names pair 12, the series has pairs 0 to 11" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("command", [["statistics"], ["correlate", "--ensemble"]])
+@pytest.mark.parametrize(("option", "said"), [("--bins", "--bins 4: is of"), ("--period", "--period 4: is of")])
+def test_parts_of_a_period_without_phases_are_refused(results, capsys, command, option, said):
+    assert main([*command, str(results), option, "4"]) == 2
+    assert said in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_bins_are_not_without_bound(results, capsys):
+    assert main(["statistics", str(results), "--phase", "signal.csv", "--bins", "1000000"]) == 2
+    assert "--bins" in (line := capsys.readouterr().err)
+    assert line.count("\n") == 1
+
+
 def test_one_line_for_what_cannot_be_read(results, tmp_path, capsys):
     def said(*words):
         assert main(["statistics", *map(str, words)]) == 2

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from plenopiv.cli.app import Overwrite, _finish, app
-from plenopiv.cli.options import Device
+from plenopiv.cli.options import Bins, Device, Period
 
 
 @app.command()
@@ -54,8 +54,8 @@ def correlate(
     phase: Annotated[
         Path | None, typer.Option(metavar="CSV", help="With --ensemble a field a phase: lines of pair,phase.")
     ] = None,
-    bins: Annotated[int, typer.Option(metavar="N", min=1, help="Parts of the period, with --phase.")] = 8,
-    period: Annotated[float, typer.Option(metavar="P", help="Period in the unit of the phases.")] = 360.0,
+    bins: Bins = None,
+    period: Period = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Results folder; default: beside RESULTS, named by the windows.")
     ] = None,
@@ -91,8 +91,8 @@ def statistics(
     phase: Annotated[
         Path | None, typer.Option(metavar="CSV", help="Phase averages: lines of pair,phase; pairs from 0.")
     ] = None,
-    bins: Annotated[int, typer.Option(metavar="N", min=1, help="Parts of the period, with --phase.")] = 8,
-    period: Annotated[float, typer.Option(metavar="P", help="Period in the unit of the phases.")] = 360.0,
+    bins: Bins = None,
+    period: Period = None,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Default: beside velocity.nc.")] = None,
     lags: Annotated[
         int | None,

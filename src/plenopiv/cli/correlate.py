@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from plenopiv.cli.phases import phases_of
 from plenopiv.cli.progress import Progress
 from plenopiv.cli.run import check_device, told
 from plenopiv.cli.terminal import Outcome
@@ -21,8 +22,8 @@ class Together:
 
     ensemble: bool
     phase: Path | None
-    bins: int
-    period: float
+    bins: int | None
+    period: float | None
 
 
 def correlate(
@@ -53,10 +54,9 @@ def correlate(
     from plenopiv.run.correlate import correlate as measure_again
 
     options: dict[str, Any] = {"out": out, "overwrite": overwrite, "ensemble": together.ensemble, "device": device}
-    if together.phase is not None:
-        from plenopiv.statistics import Phases
-
-        options |= {"phases": Phases.read(together.phase, together.period), "bins": together.bins}
+    phases, bins = phases_of(together.phase, together.bins, together.period)
+    if phases is not None:
+        options |= {"phases": phases, "bins": bins}
     with Progress() as progress:
         result = measure_again(results, progress=progress, **options, **changed)
     outcome = told(result)

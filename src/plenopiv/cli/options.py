@@ -1,4 +1,4 @@
-"""Options of the command line that say where pairs are measured, and on what."""
+"""Options that several commands share: where pairs are measured, and on what; parts of a period."""
 
 from __future__ import annotations
 
@@ -24,4 +24,12 @@ SchedulerFile = Annotated[
 Device = Annotated[
     str | None,
     typer.Option("--device", metavar="KIND", help="cpu, gpu, or auto, a GPU where there is one; else as in the file."),
+]
+Bins = Annotated[
+    int | None,  # more parts than degrees would be a mistake, and each holds sums of the whole field
+    typer.Option("--bins", metavar="N", min=1, max=360, help="Parts of the period, with --phase; default: 8."),
+]
+Period = Annotated[
+    float | None,
+    typer.Option("--period", metavar="P", help="Period in the unit of the phases, with --phase; default: 360."),
 ]

@@ -6,13 +6,14 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from plenopiv.cli.phases import phases_of
 from plenopiv.cli.progress import Progress
 from plenopiv.cli.replacing import refuse_to_replace
 from plenopiv.cli.terminal import Outcome
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.io.aside import written_aside
 from plenopiv.io.series_statistics import BY_PHASE, STATISTICS, statistics_of, velocity_file, write_statistics
-from plenopiv.statistics import Phases, summary_of
+from plenopiv.statistics import summary_of
 from plenopiv.statistics.variables import INTERVAL, NAMES
 
 if TYPE_CHECKING:
@@ -24,8 +25,8 @@ MUCH = 0.01  # of the places, with correlation beyond the lags
 def statistics(
     results: Path,
     phase: Path | None,
-    bins: int,
-    period: float,
+    bins: int | None,
+    period: float | None,
     out: Path | None,
     lags: int | None,
     replaced: bool,
@@ -43,10 +44,10 @@ def statistics(
     sources = (velocity_file(results), *([phase] if phase else []))
     for path in (target, *figures):
         refuse_to_replace(path, sources, overwrite, "another name with --out")
-    phases = Phases.read(phase, period) if phase else None
+    phases, parts = phases_of(phase, bins, period)
     options: dict[str, Any] = {"replaced": replaced} | ({} if lags is None else {"lags": lags})
     with Progress() as progress:
-        found = statistics_of(results, phases, bins, progress, **options)
+        found = statistics_of(results, phases, parts, progress, **options)
     found.attrs["source"] = str(velocity_file(results).name)
     write_statistics(target, found)
     if figures:
