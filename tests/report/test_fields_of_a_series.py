@@ -116,3 +116,17 @@ def test_facts_of_the_run_stand_at_the_top(tmp_path, monkeypatch):
         assert said in head, said
     for said in ("0.0005 s, upright", "pair1", "16 × 16 × 8 voxels", "last window: 0.274 × 0.274 × 0.616 mm"):
         assert said in head, said
+
+
+def test_validation_of_a_series_is_of_all_pairs_and_its_figures_of_the_first(tmp_path, monkeypatch):
+    without_figures(monkeypatch)
+    whole = series(3)
+    summary = {"replaced_share": 0.625, "vectors_inside_body": 36}
+    options = {"summary": summary, "series": {"time_s": [0, 0.01, 0.02]}, "fields": series_in(whole)}
+    page = Parsed(write(tmp_path / "report.html", example(), whole.isel(time=[0]), **options)).text
+    said = page[page.index("62.5 % of the vectors were replaced") :]
+    assert "36 vectors lie more than half inside the body" in said
+    for heading in ("Where vectors were replaced", "Displacements before windows were replaced", "Uncertainty"):
+        assert f"{heading}, of the first pair" in said
+    alone = Parsed(write(tmp_path / "report.html", example(), whole.isel(time=[0]), summary={})).text
+    assert "first pair" not in alone

@@ -64,7 +64,7 @@ def write_report(
         *_velocity(dataset, fields, pairs, drawn),
         *_series(series or {}, drawn),
         *_accuracy(accuracy or {}, drawn),
-        _validation(experiment, dataset, drawn),
+        _validation(experiment, dataset, summary, pairs, drawn),
         _reconstruction(summary, views, leafed, drawn),
         _light_field(crops, leafed, drawn),
         _effort(summary),
@@ -152,13 +152,18 @@ def _accuracy(accuracy: Mapping[str, Any], drawn: _Figures) -> list[str]:
     return [section("Accuracy", "Against the known truth of this recording.", *content, name="accuracy")]
 
 
-def _validation(experiment: Experiment, dataset: xarray.Dataset, drawn: _Figures) -> str:
+def _validation(
+    experiment: Experiment, dataset: xarray.Dataset, summary: Mapping[str, Any], pairs: int, drawn: _Figures
+) -> str:
+    """``summary`` is of all vectors, figures are of the first of ``pairs``."""
     dt_s, voxel_mm = experiment.recording_table.dt_s, experiment.volume.voxel_mm
-    share = 100 * replaced_share(dataset)
+    share = 100 * summary.get("replaced_share", replaced_share(dataset))
+    first = ", of the first pair" if pairs > 1 else ""
     content = [
+        subheading(f"Where vectors were replaced{first}"),
         drawn("validation", charts.validation_figure(dataset), "where vectors were replaced", "chart"),
         subheading(
-            "Displacements before windows were replaced",
+            f"Displacements before windows were replaced{first}",
             "Peak locking would crowd the middle figure at 0; an even spread is flat, if displacements cover several "
             "voxels.",
         ),
@@ -167,7 +172,7 @@ def _validation(experiment: Experiment, dataset: xarray.Dataset, drawn: _Figures
     if all(f"{name}_std" in dataset for name in "uvw"):
         content += [
             subheading(
-                "Uncertainty",
+                f"Uncertainty{first}",
                 "Standard deviation of each vector: scatter of the particles in its window, and flow that the window "
                 "does not resolve. Errors common to both frames are not included.",
             ),
@@ -177,7 +182,7 @@ def _validation(experiment: Experiment, dataset: xarray.Dataset, drawn: _Figures
         f"{share:.1f} % of the vectors were replaced by a fit to their neighbours. A few per cent are usual; clusters "
         "show where something is wrong."
     )
-    if (inside := vectors_inside_body(dataset)) is not None:
+    if (inside := summary.get("vectors_inside_body", vectors_inside_body(dataset))) is not None:
         words += f" {inside} vectors lie more than half inside the body: they were not measured, and are left blank."
     return section("Validation", words, *content, name="validation")
 
