@@ -7,6 +7,14 @@ SHAPE = (3, 4, 5)  # z, y, x
 DIMS = ("time", "z", "y", "x")
 
 
+def phases():
+    """Fields of three phases, whose mean times fall and coincide; w says by thousands which phase it is."""
+    given = field(3).assign_coords(time=[0.5, 0.25, 0.25])
+    given["phase"] = "time", [0.0, 120.0, 240.0], {"units": "degree"}
+    given["pairs"] = "time", np.array([3, 4, 3], np.int32), {"units": "1"}
+    return given
+
+
 def field(times=1):
     """u = x, v = 10 y, w = 100 z (and 1000 a step of time) in m/s per mm; one vector replaced, one unseen."""
     z, y, x = (

@@ -5,7 +5,7 @@ import itertools
 import h5py
 import numpy as np
 import pytest
-from exported_fields import SHAPE, field
+from exported_fields import SHAPE, field, phases
 
 from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
@@ -49,6 +49,23 @@ def test_vtk_reads_several_times(tmp_path, pyvista):
         assert reader.GetTimeValue() == time
         np.testing.assert_allclose(mesh["velocity"][:, 2], 100 * mesh.points[:, 2] + 1000 * number, rtol=1e-6)
         assert (mesh["valid"] == 0).sum() == 1
+
+
+def test_steps_ascend_and_are_phases_where_there_are_some(tmp_path, pyvista):
+    """VTK searches steps by their value: of those that fall it gives another's field."""
+    falling = field(3).isel(time=[2, 0, 1])
+    for given, values in ((phases(), [0.0, 120.0, 240.0]), (falling, [0.5, 1.5, 2.5])):
+        write_vtkhdf(tmp_path / "field.vtkhdf", given)
+        reader = pyvista.get_reader(tmp_path / "field.vtkhdf").reader
+        reader.UpdateInformation()
+        for number, value in enumerate(values):
+            reader.UpdateTimeStep(value)
+            mesh = pyvista.wrap(reader.GetOutput())
+            assert reader.GetTimeValue() == value
+            np.testing.assert_allclose(mesh["velocity"][:, 2], 100 * mesh.points[:, 2] + 1000 * number, rtol=1e-6)
+    with pytest.raises(PlenoPIVError, match=r"time = 0\.25 is there twice, .* export \.csv or \.mat"):
+        write_vtkhdf(tmp_path / "other.vtkhdf", phases().drop_vars("phase"))
+    assert not (tmp_path / "other.vtkhdf").exists()
 
 
 @pytest.mark.parametrize("times", [1, 2])

@@ -5,7 +5,7 @@ import pandas
 import pytest
 import scipy.io
 import xarray
-from exported_fields import DIMS, SHAPE, field
+from exported_fields import DIMS, SHAPE, field, phases
 
 from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
@@ -63,6 +63,20 @@ def test_matlab_reads_arrays_as_meshgrid_has_them(tmp_path, noisy):
     assert scipy.io.whosmat(tmp_path / "field.mat")[-3] == ("valid", (4, 5, 3, TIMES), "logical")
     assert (held["units"]["u"], held["units"]["x"], held["units"]["time"]) == ("m s-1", "mm", "s")
     assert "toward the camera" in held["meaning"]["axes"]
+
+
+def test_phases_are_columns(tmp_path):
+    write_table(tmp_path / "vectors.csv", phases())
+    table = pandas.read_csv(tmp_path / "vectors.csv")
+    w = phases().w.values
+    for number, (phase, pairs) in enumerate(((0.0, 3), (120.0, 4), (240.0, 3))):
+        chosen = table[table.phase_degree == phase]
+        np.testing.assert_array_equal(chosen.w_m_s, w[number].ravel())
+        assert set(chosen.pairs) == {pairs}
+    write_matlab(tmp_path / "field.mat", phases())
+    held = scipy.io.loadmat(tmp_path / "field.mat")
+    np.testing.assert_array_equal(held["phase"], [[0.0], [120.0], [240.0]])
+    assert held["units"]["phase"][0, 0] == "degree"
 
 
 def test_a_variable_too_large_for_matlab_s_files_is_refused(tmp_path, monkeypatch):

@@ -22,6 +22,11 @@ def variables_of(dataset: xarray.Dataset) -> list[str]:
     return [str(n) for n, v in dataset.data_vars.items() if set(v.dims) == set(DIMS) and v.dtype.kind in "biuf"]
 
 
+def variables_of_time(dataset: xarray.Dataset) -> list[str]:
+    """Names of the variables that have one number for every time, such as ``phase`` of ensembles."""
+    return [str(n) for n, v in dataset.data_vars.items() if v.dims == ("time",) and v.dtype.kind in "biuf"]
+
+
 def point_arrays(dataset: xarray.Dataset) -> dict[str, tuple[str, ...]]:
     """Arrays as VTK has them, with the variables that are their components: ``velocity``, ``velocity_std``, others."""
     numbers = variables_of(dataset)

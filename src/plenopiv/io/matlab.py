@@ -1,8 +1,8 @@
 """A velocity field for MATLAB and Octave (MAT-files of version 5, by SciPy).
 
 Arrays are (y, x, z, time), as ``meshgrid(x, y, z)`` has them, so that ``quiver3``, ``slice``, ``curl`` and
-``streamline`` take them as they are; x, y, z in mm and time in s are columns. ``valid`` is logical. ``units`` and
-``meaning`` have a field for each variable.
+``streamline`` take them as they are; x, y, z in mm and time in s are columns, and so is what
+there is of a time alone (``phase``). ``valid`` is logical. ``units`` and ``meaning`` have a field for each variable.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from plenopiv.errors import PlenoPIVError, printable
 from plenopiv.io.aside import written_aside
-from plenopiv.io.fields import frame_of, units_of, usual, variables_of
+from plenopiv.io.fields import frame_of, units_of, usual, variables_of, variables_of_time
 
 if TYPE_CHECKING:
     import xarray
@@ -29,9 +29,9 @@ FLAGS = ("valid", "inside_body")
 def as_matlab(dataset: xarray.Dataset) -> dict[str, Any]:
     """What the file holds, by name: arrays (ny, nx, nz, nt), coordinates, and the structs ``units`` and ``meaning``."""
     held: dict[str, Any] = {name: dataset[name].values.astype(float) for name in ("x", "y", "z", "time")}
-    for name in variables_of(dataset):
+    for name in variables_of(dataset) + variables_of_time(dataset):
         if NAME.fullmatch(name):
-            values = usual(dataset[name].transpose(*ORDER).values)
+            values = usual(dataset[name].transpose(*ORDER, missing_dims="ignore").values)
             held[name] = values == 1 if name in FLAGS else values
     texts = {name: printable(str(dataset[name].attrs.get("long_name", ""))) for name in held}
     units = {name: units_of(dataset[name]) for name in held}

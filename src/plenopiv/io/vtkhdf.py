@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plenopiv.errors import printable
+from plenopiv.errors import PlenoPIVError, printable
 from plenopiv.io.aside import hdf5_aside
-from plenopiv.io.fields import DIMS, even_axes, frame_of, point_arrays, units_of
+from plenopiv.io.fields import DIMS, even_axes, frame_of, point_arrays, units_of, variables_of_time
 from plenopiv.volume import Volume
 
 if TYPE_CHECKING:
@@ -28,16 +28,26 @@ SLAB = 8  # planes of a volume written at once
 def write_vtkhdf(path: str | Path, dataset: xarray.Dataset) -> None:
     """Write a velocity field, dims (time, z, y, x), with all variables; several times as steps.
 
+    Steps ascend; their values are phases where the field has them, else times in s.
+
     ``velocity`` (three components) and ``velocity_std`` hold u, v, w and their standard deviations in m/s, the other
     variables keep their names.
 
     Raises:
-        PlenoPIVError: the file cannot be written; nothing is left behind.
+        PlenoPIVError: two steps have one value, or the file cannot be written; nothing is left behind.
     """
     fields = point_arrays(dataset)
     several = dataset.sizes["time"] > 1  # readers see no time axis in a single step
     first, spacing, shape = even_axes(dataset)
-    with _image(path, first, spacing, shape, dataset.time.values if several else None) as points:
+    named = "phase" if "phase" in variables_of_time(dataset) else "time"
+    dataset = dataset.isel(time=np.argsort(dataset[named].values, kind="stable"))  # readers search steps by value
+    steps = dataset[named].values.astype(float)
+    if several and not np.all(np.diff(steps) > 0):
+        twice = steps[:-1][~(np.diff(steps) > 0)][0]
+        raise PlenoPIVError(
+            f"{path}: {named} = {twice:g} is there twice, and VTK tells steps apart by it; export .csv or .mat"
+        )
+    with _image(path, first, spacing, shape, steps.tolist() if several else None) as points:
         for name, parts in fields.items():
             values = np.stack([dataset[part].transpose(*DIMS).values for part in parts], -1)
             small = np.uint8 if values.dtype == bool else np.float32 if values.dtype == np.float64 else values.dtype
