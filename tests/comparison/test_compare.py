@@ -120,6 +120,20 @@ def test_pairs_are_matched_by_time(tmp_path):
     assert found.shown.time_s == pytest.approx(0.00075)
 
 
+def test_phases_are_matched_by_phase_and_equal_times_each_once(tmp_path):
+    """Mean times of phases fall and coincide; w says by 2 m/s which phase it is."""
+    a = regular((0.002, 0.0031, 0.0052)).assign_coords(time=[0.0052, 0.0031, 0.0031])
+    b = a.copy(deep=True).isel(time=[2, 0, 1])
+    b = b.assign_coords(time=[0.0031, 0.0031, 0.0044])
+    for dataset, order in ((a, [0, 1, 2]), (b, [2, 0, 1])):
+        dataset["phase"] = "time", 120.0 * np.array(order), {"units": "degree"}
+    found = plenopiv.compare(results(tmp_path / "a", a), results(tmp_path / "b", b))
+    assert found.times == (3, 0, 0)
+    assert found.row("w").m_s.largest == 0
+    one, other = (results(tmp_path / name, a.drop_vars("phase")) for name in ("c", "d"))
+    assert plenopiv.compare(one, other).times == (3, 0, 0)
+
+
 def test_a_time_set_aside_counts_as_nothing_measured(tmp_path):
     a, b = regular(TIMES), regular(TIMES)
     for name in "uvw":

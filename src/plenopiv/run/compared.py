@@ -16,6 +16,7 @@ from plenopiv.comparison import Comparison, Differences, Field, Measures, Overla
 from plenopiv.comparison.differences import Z_EDGES
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import text
+from plenopiv.io.fields import units_of, variables_of_time
 from plenopiv.io.netcdf import DIMS, loaded, opened_velocity
 from plenopiv.report.document import flat
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 VELOCITY, EXPERIMENT = "velocity.nc", "experiment.toml"
 SAME_TIME = 1e-3  # of dt: times nearer than this are the same
+SAME_PHASE = 1e-4  # of the phases that there are, lowest to highest
 KEYWORDS = {"none", "minimum"}  # of [recording], in place of a file's name
 OF_RECORDING = ("white", "dark", "frames", "pairs", "background", "mask")
 FILES = {"volume.body", "calibration.planes", *(f"recording.{key}" for key in OF_RECORDING)}
@@ -79,8 +81,8 @@ def compare(a: str | Path, b: str | Path, progress: Progress | None = None) -> C
     """Two results side by side, each a results folder or a velocity file: differences B - A of the vectors that both
     measured, in m/s, in A's voxels, and in standard deviations sqrt(std_a^2 + std_b^2).
 
-    Times are matched by their coordinate. Where B's vectors lie elsewhere than A's, B is interpolated linearly at A's
-    within the region that both cover. One time is in memory at a time.
+    Times are matched by their coordinate, fields of phases by their phase. Where B's vectors lie elsewhere than A's, B
+    is interpolated linearly at A's within the region that both cover. One time is in memory at a time.
 
     Raises:
         PlenoPIVError: a result cannot be read; one is of the camera's frame, the other of the laboratory's; no time or
@@ -153,23 +155,31 @@ def _dt_s(dataset: xarray.Dataset) -> float | None:
 
 
 def _same_times(a: Path, first: xarray.Dataset, b: Path, second: xarray.Dataset) -> list[tuple[int, int]]:
-    """Numbers of the times that are in both, each once.
+    """Numbers of the times that are in both, each once; of the phases where both have them in one unit: their times are
+    means over pairs, and may coincide.
 
     Raises:
         PlenoPIVError: there are none.
     """
-    ours, theirs = (dataset["time"].values.astype(float) for dataset in (first, second))
-    near = SAME_TIME * (_dt_s(first) or _dt_s(second) or 1e-6)
+    both = all("phase" in variables_of_time(dataset) for dataset in (first, second))
+    units = [units_of(dataset["phase"]) for dataset in (first, second)] if both else []
+    name, unit = ("phase", units[0]) if len(set(units)) == 1 else ("time", "s")
+    ours, theirs = (dataset[name].values.astype(float) for dataset in (first, second))
+    if name == "phase":
+        near = SAME_PHASE * float(np.ptp([*ours, *theirs]))
+    else:
+        near = SAME_TIME * (_dt_s(first) or _dt_s(second) or 1e-6)
     order = np.argsort(theirs, kind="stable")
     place = np.searchsorted(theirs[order], ours - near)
     pairs, taken = [], set[int]()
     for k, (time, at) in enumerate(zip(ours, place, strict=True)):
-        if at < order.size and theirs[order[at]] <= time + near and at not in taken:
-            taken.add(int(at))
-            pairs.append((k, int(order[at])))
+        found = next((n for n in range(at, order.size) if n not in taken or theirs[order[n]] > time + near), order.size)
+        if found < order.size and theirs[order[found]] <= time + near:
+            taken.add(found)
+            pairs.append((k, int(order[found])))
     if not pairs:
-        spans = [f"{t.min():g} to {t.max():g} s" for t in (ours, theirs)]
-        raise PlenoPIVError(f"{a}, {b}: no time is in both: {spans[0]} and {spans[1]}; are they of one recording?")
+        spans = [f"{t.min():g} to {t.max():g} {unit}" for t in (ours, theirs)]
+        raise PlenoPIVError(f"{a}, {b}: no {name} is in both: {spans[0]} and {spans[1]}; are they of one recording?")
     return pairs
 
 
