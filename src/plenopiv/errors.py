@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+from math import inf
+
 
 class PlenoPIVError(Exception):
     """Bad input. The message is one line that names the file, key or frame and the way out."""
+
+
+def check_positive(of: str, **lengths: float) -> None:
+    """Raises PlenoPIVError for one of the ``lengths`` (by name) of something that is not positive and finite."""
+    for name, value in lengths.items():
+        if not 0 < value < inf:
+            raise PlenoPIVError(f"{of}: {name} = {value}, give a positive number")
 
 
 class PlenoPIVWarning(UserWarning):

@@ -21,6 +21,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plenopiv.errors import PlenoPIVError, check_positive
+
 LatticeKind = Literal["square", "hexagonal"]
 ROW_SPACING = {"square": 1.0, "hexagonal": sqrt(3.0) / 2.0}  # in pitches
 CELL_AREA = ROW_SPACING  # area of one cell in pitches squared: one lens per pitch along a row
@@ -96,7 +98,8 @@ class Lattice:
     """Where the microlenses are. Lengths in mm, rotation in rad (counter-clockwise in (s, t)).
 
     ``pitch_mm`` is the distance of lenses along the rows. ``map``: what moves the centres of the regular lattice that
-    the other numbers describe; None for a regular array.
+    the other numbers describe; None for a regular array. Raises PlenoPIVError for another kind, and a pitch that is not
+    positive.
     """
 
     kind: LatticeKind
@@ -104,6 +107,11 @@ class Lattice:
     rotation_rad: float = 0.0
     offset_mm: tuple[float, float] = (0.0, 0.0)
     map: LatticeMap | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in ROW_SPACING:
+            raise PlenoPIVError(f'lattice: kind = {self.kind!r}, give "square" or "hexagonal"')
+        check_positive("lattice", pitch_mm=self.pitch_mm)
 
     def __repr__(self) -> str:
         bent = "" if self.map is None else f", distorted by polynomials of degree {self.map.degree}"

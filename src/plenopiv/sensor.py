@@ -11,12 +11,14 @@ The microlens plane's (s, t) is inverted with respect to the object (M < 0), so 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import isfinite
+from numbers import Integral
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, check_positive
 
 Orientation = Literal["upright", "sensor"]
 Alignment = Literal["low", "high"]
@@ -26,7 +28,8 @@ Alignment = Literal["low", "high"]
 class Sensor:
     """Pixels of a monochrome sensor. Pitch in mm, black level in counts of ``bit_depth``.
 
-    ``alignment``: whether files hold counts in the lower or the upper bits of 16.
+    ``alignment``: whether files hold counts in the lower or the upper bits of 16. Raises PlenoPIVError for values that
+    no sensor has.
     """
 
     columns: int
@@ -35,6 +38,17 @@ class Sensor:
     bit_depth: int = 12
     black_level: float = 0.0
     alignment: Alignment = "low"
+
+    def __post_init__(self) -> None:
+        for name in ("columns", "rows", "bit_depth"):
+            count = getattr(self, name)
+            if not isinstance(count, Integral) or count < 1:
+                raise PlenoPIVError(f"sensor: {name} = {count!r}, give a positive whole number")
+        check_positive("sensor", pixel_pitch_mm=self.pixel_pitch_mm)
+        if not isfinite(self.black_level):
+            raise PlenoPIVError(f"sensor: black_level = {self.black_level}, give the counts of a dark pixel")
+        if self.alignment not in get_args(Alignment):
+            raise PlenoPIVError(f'sensor: alignment = {self.alignment!r}, give "low" or "high"')
 
     @property
     def full_scale(self) -> int:

@@ -8,6 +8,7 @@ import pytest
 import tomli_w
 from calibrations import calibrated
 
+from plenopiv.errors import PlenoPIVError
 from plenopiv.io.camera_tables import camera_of, tables_of
 
 CAMERA = replace(calibrated().camera, blur_mm=0.1 + 0.2)
@@ -32,6 +33,7 @@ def test_the_sign_of_a_zero_stays():
         ("microlens_focal_length_mm", float("nan"), ValueError),
         ("microlens_focal_length_mm", "x", TypeError),
         ("sensor", 3, TypeError),
+        ("main_lens", {"focal_length_mm": 50.0, "aperture_mm": 25.0, "magnification": 1.0}, PlenoPIVError),
         ("rim", {"radius_mm": "10", "slip": 0.1, "start_mm": [0.0, 0.0]}, TypeError),
         ("rim", {"radius_mm": 10.0, "slip": 0.1, "start_mm": [0.0, 0.0], "more": 1.0}, ValueError),
     ],

@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plenopiv import optics
+from plenopiv.errors import PlenoPIVError, check_positive
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 
 
 @dataclass(frozen=True)
 class MainLens:
-    """Thin lens. Lengths in mm; magnification M < 0 fixes the conjugate distances."""
+    """Thin lens. Lengths in mm; magnification M < 0 fixes the conjugate distances. Raises PlenoPIVError for others."""
 
     focal_length_mm: float
     aperture_mm: float
     magnification: float
+
+    def __post_init__(self) -> None:
+        check_positive("main lens", focal_length_mm=self.focal_length_mm, aperture_mm=self.aperture_mm)
+        if not -inf < self.magnification < 0:
+            raise PlenoPIVError(
+                f"main lens: magnification = {self.magnification}, give a negative number, as a real image is inverted"
+            )
 
     @property
     def object_distance_mm(self) -> float:
@@ -49,6 +58,8 @@ class PlenopticCamera:
     what else than its aperture limits the main lens, None where nothing does. ``blur_mm``: of a main lens that is not
     sharp, the standard deviation along each axis of the Gaussian by which it displaces rays on the microlens plane,
     their direction kept.
+
+    Raises PlenoPIVError for a focal length that is not positive and a negative blur.
     """
 
     main_lens: MainLens
@@ -57,6 +68,11 @@ class PlenopticCamera:
     sensor: Sensor
     rim: LensRim | None = None
     blur_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_positive("microlens array", focal_length_mm=self.microlens_focal_length_mm)
+        if not 0 <= self.blur_mm < inf:
+            raise PlenoPIVError(f"main lens: blur_mm = {self.blur_mm}, give 0 or a positive number")
 
     def __repr__(self) -> str:
         lens, sensor = self.main_lens, self.sensor

@@ -26,6 +26,7 @@ def camera_of(tables: Mapping[str, Any]) -> PlenopticCamera:
 
     Raises:
         AttributeError, KeyError, TypeError, ValueError: a key is missing, strange, or holds no number or table.
+        PlenoPIVError: no camera has its value.
     """
     moved, rim = tables["lattice"].get("map"), tables.get("rim")
     lattice = {k: v for k, v in tables["lattice"].items() if k != "map"} | {"map": None}

@@ -222,7 +222,7 @@ class KeptVolumes:
         solid, stated, unusable = solid_of(experiment), self.inputs["calibration"], recording.unusable
         try:
             camera = camera_of(stated["camera"])
-        except (AttributeError, KeyError, TypeError, ValueError):
+        except (AttributeError, KeyError, TypeError, ValueError, PlenoPIVError):
             line = f"{self.results / manifests.NAME}: holds no calibrated camera; run again with --overwrite"
             raise PlenoPIVError(line) from None
         if recording.background_of_frames:
