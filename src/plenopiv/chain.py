@@ -334,8 +334,10 @@ class Chain:
         Raises:
             PlenoPIVError: ``dt_s`` is not positive.
         """
-        near, at_face, camera = None, None, self.cameras[0]
-        if len(self.cameras) == 1 and isinstance(camera, PlenopticCamera):
+        near, at_face, camera, count = None, None, self.cameras[0], len(self.cameras)
+        kind = "plenoptic" if isinstance(camera, PlenopticCamera) else "pinhole"
+        title = "Volumetric velocity from " + (f"one {kind} camera" if count == 1 else f"{count} {kind} cameras")
+        if count == 1 and isinstance(camera, PlenopticCamera):
             deep, ends = self.correlation.windows[-1][2], []
             for z in (field.z - 0.25 * deep, field.z + 0.25 * deep):  # of the middle half of each window
                 index = zip(self.grid.first_mm, self.grid.voxel_mm, (field.x, field.y, z), strict=True)
@@ -343,4 +345,4 @@ class Chain:
                 ends += [(at if self.space is None else self.space.to_lens(at))[..., 2]]
             near = near_focus(camera, *ends)
             at_face = np.broadcast_to(near_face(field.z, self.grid.shape[0], deep)[:, None, None], near.shape)
-        return velocity_dataset(field, self.grid, dt_s, time_s, self.frame, near, at_face)
+        return velocity_dataset(field, self.grid, dt_s, time_s, self.frame, near, at_face, title)

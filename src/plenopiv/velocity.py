@@ -37,6 +37,7 @@ def velocity_dataset(
     frame: Frame = "camera",
     near_focus: NDArray[np.bool_] | None = None,
     near_face: NDArray[np.bool_] | None = None,
+    title: str = "Volumetric velocity",
 ) -> xr.Dataset:
     """One velocity field as an xarray Dataset with dims (time, z, y, x), time of length one.
 
@@ -46,7 +47,8 @@ def velocity_dataset(
     standard deviations of u, v, w; valid (int8, 1 = measured, 0 = replaced); peak_ratio; where a body was named
     inside_body (int8), 1 where the window lies more than half in it: all others are then NaN, and valid is 0; with
     ``near_focus`` (nz, ny, nx) near_focus (int8), 1 where much of a window has hardly any depth, and with ``near_face``
-    (nz, ny, nx) near_face (int8), 1 where windows reach to the volume's front or back.
+    (nz, ny, nx) near_face (int8), 1 where windows reach to the volume's front or back. ``title``: what it is, and of
+    which cameras.
     """
     import xarray as xr
 
@@ -134,7 +136,7 @@ def velocity_dataset(
         coordinates,
         {
             "Conventions": "CF-1.11",
-            "title": "Volumetric velocity from one plenoptic camera",
+            "title": title,
             "source": "PlenoPIV, 3D cross-correlation with window deformation",
             "dt_s": float(dt_s),
             "frame": frame,

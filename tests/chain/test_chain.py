@@ -224,3 +224,17 @@ def test_a_volume_that_reaches_to_the_main_lens(z_mm):
         _ = replace(plenoptic_chain(), grid=behind).projection
     with pytest.raises(PlenoPIVError, match="not in front of the main lens at 100 mm"):
         _ = replace(two_camera_chain(), grid=behind).projection
+
+
+@pytest.mark.parametrize(
+    ("make", "cameras"),
+    [
+        (plenoptic_chain, "one plenoptic camera"),
+        (two_camera_chain, "2 plenoptic cameras"),
+        (tomographic_chain, "4 pinhole cameras"),
+    ],
+)
+def test_the_title_says_of_which_cameras(make, cameras):
+    at, none = np.array([7.5]), np.zeros((3, 1, 1, 1))
+    field = DisplacementField(at, at, at, none, none, none[0] == 0, none[0].astype(np.float32), none)
+    assert make().dataset(field, 1e-3).attrs["title"] == f"Volumetric velocity from {cameras}"

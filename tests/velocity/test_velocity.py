@@ -52,6 +52,7 @@ def test_flags_and_conventions_survive_the_file(field, tmp_path):
         assert ds.valid.values.sum() == 23
         assert ds.valid.attrs["flag_meanings"] == "replaced measured"
         assert ds.attrs["Conventions"].startswith("CF-1.")
+        assert ds.attrs["title"] == "Volumetric velocity"
         assert ds.time.values.tolist() == [0.25]
         assert ds.peak_ratio.dtype == np.float32
 
