@@ -50,5 +50,5 @@ class AllLost(SequenceJob):
 
 
 def test_what_is_warned_of_in_the_first_frame_is_told_with_its_pair():
-    made = AllLost(None, None, None, Clock(), None).records([0, 1])
+    made = AllLost(None, None, None, None, Clock(), None).records([0, 1])
     assert [one.warnings for one in made] == [["frame 0 is dark", "frame 1 is dark"], ["frame 2 is dark"]]
