@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
-from plenopiv.sensor import check_pixels
+from plenopiv.sensor import check_pixels, first_not_finite
 
 LIT_SHARE = 0.5  # a pixel less lit by its own lens than this is no equation of the light field
 LARGEST_TURN_RAD = radians(6.0)  # beyond this the projector's weights are off by more than 1 %
@@ -247,9 +247,8 @@ def decode(image: NDArray, where: Layout) -> LightField:
         values[v, lens] = image[where.pixel[lens, 1] + n, where.pixel[lens, 0] + m]
     values -= np.float32(sensor.black_level)
     values[~where.seen] = 0.0
-    if not np.isfinite(values.sum(dtype=np.float64)):  # which no sum of finite float32 exceeds
-        view, lens = np.argwhere(~np.isfinite(values))[0]
-        column, row = where.pixel[lens] + where.offsets[view]
+    if (at := first_not_finite(values)) is not None:
+        column, row = where.pixel[at[1]] + where.offsets[at[0]]
         raise PlenoPIVError(
             f"frame: the pixel at column {column}, row {row} is {image[row, column]}, and would empty the volume; "
             "leave it out with Chain(unusable=...), or put a count there"

@@ -93,6 +93,13 @@ def check_pixels(pixels: NDArray, sensor: Sensor, name: str) -> None:
         raise PlenoPIVError(f"{name}: {found} px; give {sensor.columns} x {sensor.rows} px, as the camera's sensor has")
 
 
+def first_not_finite(values: NDArray) -> tuple[int, ...] | None:
+    """The first place of ``values`` (float32) that holds no finite number; None where there is none."""
+    if np.isfinite(values.sum(dtype=np.float64)):  # which no sum of finite float32 exceeds
+        return None
+    return tuple(int(k) for k in np.argwhere(~np.isfinite(values))[0])
+
+
 def check_orientation(orientation: Orientation) -> None:
     """Raises PlenoPIVError for another word than the two: a wrong one would turn every velocity by 180 degrees."""
     if orientation not in get_args(Orientation):

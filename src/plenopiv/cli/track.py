@@ -11,8 +11,7 @@ from plenopiv.experiment import Experiment
 
 
 def track(file: Path, overwrite: bool, where: Where = (None, None, None, None), force: bool = False) -> Outcome:
-    """Track the particles of an experiment, and say where they are; ``where`` and ``force``: as for
-    ``run``.
+    """Track the particles of an experiment, and say where they are; ``where``, ``force``: as for ``run``.
 
     Raises:
         PlenoPIVError: the experiment file or its images are wrong, or there are tracks of other inputs.

@@ -27,6 +27,7 @@ from plenopiv.design.advice import Limits, Window
 from plenopiv.device.backend import device_of
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
+from plenopiv.io.into_place import files_of
 from plenopiv.io.manifest import NAME as MANIFEST
 from plenopiv.io.manifest import Manifest
 from plenopiv.io.output import made_stage, sweep_stages
@@ -100,8 +101,7 @@ def not_of_a_preview(folder: Path) -> list[str]:
     """Names of what ``folder`` holds that no preview wrote: the manifest of its run names what the run did."""
     if not folder.is_dir():
         return []
-    manifest = Manifest.read(folder / MANIFEST) or Manifest()
-    written = [*manifest.files, *(name for record in manifest.pairs.values() for name in record["files"])]
+    written = files_of(Manifest.read(folder / MANIFEST) or Manifest())
     known = {IMAGES, PICTURE, MANIFEST, *(name.split("/")[0] for name in written)}
     return sorted({path.name for path in folder.iterdir()} - known)
 

@@ -239,5 +239,5 @@ def _cost_of(a: Int, b: Int, cost: Array, first: Int, second: Int, m: int) -> Ar
     key = a * m + b
     order = np.argsort(key)
     wanted = np.where((first >= 0) & (second >= 0), first * m + second, -1)
-    at = np.minimum(np.searchsorted(key[order], wanted), len(key) - 1)
-    return np.where(key[order][at] == wanted, cost[order][at], GATE)
+    at = order[np.minimum(np.searchsorted(key, wanted, sorter=order), len(key) - 1)]
+    return np.where(key[at] == wanted, cost[at], GATE)

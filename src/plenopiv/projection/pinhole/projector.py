@@ -24,6 +24,7 @@ from plenopiv.projection.correction import correct
 from plenopiv.projection.pinhole import kernels
 from plenopiv.projection.pinhole.kernels import PinholeConstants
 from plenopiv.projection.protocol import Projection
+from plenopiv.sensor import first_not_finite
 from plenopiv.threads import in_threads
 from plenopiv.volume import SparseVolume, VoxelGrid
 
@@ -82,9 +83,8 @@ class PinholeProjector:
                     f"{sensor.columns} x {sensor.rows}; give the image of this camera, not cut"
                 )
             row[: sensor.rows * sensor.columns] = np.ravel(image).astype(np.float32) - np.float32(sensor.black_level)
-            if not np.isfinite(row.sum(dtype=np.float64)):  # which no sum of finite float32 exceeds
-                at = int(np.flatnonzero(~np.isfinite(row))[0])
-                y, x = divmod(at, sensor.columns)
+            if (at := first_not_finite(row)) is not None:
+                y, x = divmod(at[0], sensor.columns)
                 raise PlenoPIVError(
                     f"camera {number}: the pixel at column {x}, row {y} is {row[at]}, and would empty the volume; put "
                     "a count there, as the median of the pixels about it"
