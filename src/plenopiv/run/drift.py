@@ -81,13 +81,13 @@ def _std_px(found: Stated | None, sensor: Sensor) -> float:
 
 
 def stated(found: DriftFit) -> dict[str, Any]:
-    """What summary.json holds of a drift."""
+    """What summary.json holds of a drift; by the alphabet, as a manifest gives it back."""
     return {
-        "shift_px": list(found.drift.shift_px),
-        "turn_deg": found.drift.turn_deg,
-        "scale": found.drift.scale,
-        "shift_std_px": found.shift_std_px,
-        "turn_std_deg": found.turn_std_deg,
-        "scale_std": found.scale_std,
         "regions_off_px": found.scatter_px,
+        "scale": found.drift.scale,
+        "scale_std": found.scale_std,
+        "shift_px": list(found.drift.shift_px),
+        "shift_std_px": found.shift_std_px,
+        "turn_deg": found.drift.turn_deg,
+        "turn_std_deg": found.turn_std_deg,
     }
