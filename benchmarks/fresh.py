@@ -40,6 +40,7 @@ DECISIONS = {
     "correlation": 76,
     "tracking": 80,
     "links": 82,
+    "smoothing": 83,
     "fields": 81,
     "statistics": 56,
     "device": 60,

@@ -132,6 +132,17 @@ def test_wrong_positions_change_the_motion_found_by_little():
     assert np.quantile(np.abs(found.mean - clean.mean)[:, 3:6] / std, 0.9) < 1.0
 
 
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_a_jerk_that_errors_hide_is_not_taken_for_none(seed):
+    """100 tracks of nine frames whose errors hide nearly all of the jerk: nine of ten accelerations and more lie within
+    two of their standard deviations. With the likeliest jerk, often none at all, it was 88 % of them."""
+    rng = np.random.default_rng(seed)
+    x, _, a = random_paths(100, 9, rng)
+    found = trajectories(seen_frames(lambda t: x[int(t)].copy(), 9, 100, rng, std_mm=20 * STD_MM))
+    off = np.abs(found.mean[:, 6:] - a.reshape(-1, 3)) / np.sqrt(np.einsum("nii->ni", found.covariance)[:, 6:])
+    assert ((off < 2).mean(0) > 0.94).all()
+
+
 def test_parabolas_are_kept_on_every_axis():
     """Velocity and acceleration of a parabola, which has no jerk, to a small part of what noise leaves."""
     _, velocity, bend, path = parabolas(50)

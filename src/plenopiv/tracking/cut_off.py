@@ -8,9 +8,11 @@ that it is not the normal distribution's but that of Student's t with nu degrees
 
     -2 ln L = sum (ln F + (nu + 1) ln(1 + e^2 / (nu kappa F))) ,
 
-kappa being such that normal errors of variance F make F the likeliest. The factor by which positions scatter more than
-their standard deviations say is that of 68 % of the innovations. The first three frames of a track tell neither: they
-tell where it begins. The filter follows innovations beyond four standard deviations less (Huber 1981).
+kappa being such that normal errors of variance F make F the likeliest. Where errors hide the jerk, as in depth, none at
+all may be as likely as the true one, and without it accelerations would be stated far too well: the jerk is the largest
+whose -2 ln L is within 1 of the least, one standard deviation (decision 83). The factor by which positions scatter
+more than their standard deviations say is that of 68 % of the innovations. The first three frames of a track tell
+neither: they tell where it begins. The filter follows innovations beyond four standard deviations less (Huber 1981).
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ FREEDOM, OF_NORMAL = 4.0, 0.6906  # nu, kappa
 MEMORY = 3.0  # frames, that the search begins with
 MEMORIES = (0.25, 64.0)  # frames, between which it looks
 FINEST = 0.1  # step, of decades of q and of octaves of the memory, at which it ends
+ONE_STD_OFF = 1.0  # of -2 ln L, above its least
 COVERED, COVERED_STD = 0.95, 1.96  # spreads are those of a normal distribution with the same 95 %
 
 Array = NDArray[np.float64]
@@ -149,8 +152,8 @@ class _Search:
         return len(self.telling) >= LEAST_INNOVATIONS
 
     def best(self) -> tuple[float, float, float]:
-        """The spread of the jerk, its memory, and the factor of errors: by decades of q, then by steps that are halved
-        where none leads on (compass search)."""
+        """The largest spread of the jerk that the tracks allow, its memory, and the factor of errors: by decades of q,
+        then by steps that are halved where none leads on (compass search)."""
         octave = float(np.log2(MEMORY))
         decade = min((self.at(float(d), octave), float(d)) for d in range(DECADES[0], DECADES[1] + 1))[1]
         at, step = (decade, octave), 1.0
@@ -164,6 +167,9 @@ class _Search:
                 if not self.at(*better) < self.at(*at):
                     break
                 at = better
+        least = self.known[at][0]
+        while at[0] < DECADES[1] and self.at(at[0] + step, at[1])[0] <= least + ONE_STD_OFF:
+            at = (at[0] + step, at[1])
         noise = self.known[at][1]
         return self._jerk(*at) * noise, 2.0 ** at[1], noise
 
