@@ -5,6 +5,8 @@ import json
 import pytest
 from drafted_recording import SHEET, tree
 
+from plenopiv.cli import main
+
 NONE = [
     ("sensor", "black_level", "sixty", "sensor.black_level = 'sixty' is no number"),
     ("sensor", "black_level", 1e30, "sensor.black_level = 1e+30 is not between"),
@@ -41,6 +43,36 @@ def test_a_value_that_is_none(folder, tmp_path, one_line, table, key, value, exp
     assert expected in message
     assert "odd.json" in message
     assert tree(folder) == before
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value", "expected"),
+    [
+        ("sensor", "black_levl", 60, "sensor.black_levl: unknown key; did you mean black_level?"),
+        ("seeding", "depth_um", [-4000, 4000], "seeding.depth_um: unknown key; did you mean depth_mm?"),
+        ("sensor", "bit_depth", 16, "sensor.bits = 12 and sensor.bit_depth = 16: give one"),
+        ("main_lens", "f_number", 8.0, "main_lens.f_number = 8 is an aperture of 6.25 mm, but main_lens.aperture_mm"),
+        (None, "seeding", "deep", "seeding = 'deep' is no table of keys"),
+    ],
+)
+def test_a_key_that_would_be_left_out_or_said_twice(folder, tmp_path, one_line, table, key, value, expected):
+    sheet = json.loads(json.dumps(SHEET))
+    sheet["sensor"].pop("black_level", None)
+    sheet["seeding"].pop("depth_mm", None)
+    (sheet[table] if table else sheet)[key] = value
+    (tmp_path / "odd.json").write_text(json.dumps(sheet))
+    assert expected in one_line("init", folder, tmp_path / "odd.json", "--overwrite")
+
+
+def test_keys_of_others_are_left_alone(folder, tmp_path):
+    """And an f-number beside the aperture, as makers round it."""
+    sheet = json.loads(json.dumps(SHEET))
+    lens = sheet["main_lens"]
+    lens |= {"maker": "a", "f_number": round(lens["focal_length_mm"] / lens["aperture_mm"], 1), "f_number_of": "b"}
+    sheet |= {"tank": {"fluid": "water"}, "note": "c"}
+    sheet["sensor"] |= {"bit_depth": sheet["sensor"]["bits"], "cooled": True}
+    (tmp_path / "odd.json").write_text(json.dumps(sheet))
+    assert main(["init", str(folder), str(tmp_path / "odd.json"), "--overwrite"]) == 0
 
 
 @pytest.mark.parametrize(

@@ -130,3 +130,19 @@ def test_validation_of_a_series_is_of_all_pairs_and_its_figures_of_the_first(tmp
         assert f"{heading}, of the first pair" in said
     alone = Parsed(write(tmp_path / "report.html", example(), whole.isel(time=[0]), summary={})).text
     assert "first pair" not in alone
+
+
+def test_an_ensemble_of_phases_is_of_phases(tmp_path, monkeypatch):
+    without_figures(monkeypatch)
+    whole = series(3)
+    whole["phase"] = "time", [0.0, 120.0, 240.0], {"units": "degree"}
+    write_velocity(tmp_path / "velocity.nc", whole)
+    fields, first = series_of_file(tmp_path / "velocity.nc"), whole.isel(time=[0])
+    labels = [moment.label for moment in moments(fields, (1, 1, 1), 3)]
+    assert labels[1] == "phase 120 degree, 2 of 3"
+    assert labels[3:] == ["mean of 3 phases", "RMS fluctuation of 3 phases"]
+    summary = {"ensemble": {"pairs": [5, 1, 2], "phase": [0, 120, 240]}}
+    page = Parsed(write(tmp_path / "report.html", example(), first, summary=summary, fields=fields)).text
+    for said in ("pairs8", "phases3", "of the first of 3 phases", "Each of 3 phases", "replaced, of the first phase"):
+        assert said in page, said
+    assert "pair 1" not in page

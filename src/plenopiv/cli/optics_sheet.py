@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,13 @@ from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 
 SMALLEST, LARGEST = 1e-9, 1e9  # of all numbers, as in the experiment file
+OPTIONAL = {  # keys that may be missing, so that a misspelled one would be taken for none
+    "main_lens": ("aperture_mm", "f_number", "object_distance_mm", "image_distance_mm", "magnification"),
+    "sensor": ("columns", "rows", "black_level"),
+    "seeding": ("depth_mm",),
+}
 CONJUGATE = 0.02  # by which stated distances may miss 1/f = 1/S_o + 1/S_i, relative
+STATED_TWICE = 0.05  # by which an aperture and an f-number may differ, as f-numbers are rounded (f/1.4)
 
 
 class OpticsSheet:
@@ -31,13 +38,28 @@ class OpticsSheet:
         except OSError as error:
             raise PlenoPIVError(f"{path}: cannot be read ({error.strerror})") from None
         self.tables = text.tables(content, path, as_json=path.suffix.lower() != ".toml")
+        for table, keys in OPTIONAL.items():
+            self._check_spelling(table, keys)
+
+    def _check_spelling(self, table: str, optional: tuple[str, ...]) -> None:
+        section = self.tables.get(table, {})
+        if not isinstance(section, dict):
+            raise PlenoPIVError(f"{self.path}: {table} = {_short(section)} is no table of keys")
+        for key in section:
+            left = [name for name in optional if name not in section]
+            if key not in optional and (meant := get_close_matches(str(key), left, n=1, cutoff=0.8)):
+                raise PlenoPIVError(f"{self.path}: {table}.{printable(key)}: unknown key; did you mean {meant[0]}?")
 
     def value(self, table: str, *names: str) -> Any:
-        """The first of these keys that the table has, or None."""
+        """Of these keys, which all say the same, the one that the table has, or None."""
         section = self.tables.get(table)
-        if not isinstance(section, dict):
+        found = [name for name in names if name in section] if isinstance(section, dict) else []
+        if not isinstance(section, dict) or not found:
             return None
-        return next((section[name] for name in names if name in section), None)
+        if any(section[name] != section[found[0]] for name in found[1:]):
+            both = " and ".join(f"{table}.{name} = {_short(section[name])}" for name in found)
+            raise PlenoPIVError(f"{self.path}: {both}: give one")
+        return section[found[0]]
 
     def number(self, table: str, *names: str) -> float:
         """A number under one of these keys; an error that names the key where there is none."""
@@ -97,10 +119,7 @@ class OpticsSheet:
             )
         focal = self.number("main_lens", "focal_length_mm")
         m = self._magnification(focal)
-        if self.value("main_lens", "aperture_mm") is not None:
-            aperture = self.number("main_lens", "aperture_mm")
-        else:
-            aperture = focal / self._positive("main_lens", "f_number")
+        aperture = self._aperture(focal)
         lengths = {
             "main_lens.focal_length_mm": focal,
             "main_lens.aperture_mm": aperture,
@@ -125,6 +144,20 @@ class OpticsSheet:
         if wrong := contradictions(camera):
             raise PlenoPIVError(f"{self.path}: {wrong[0]}")
         return camera
+
+    def _aperture(self, focal_mm: float) -> float:
+        """As stated, or from the f-number; where there are both they must agree."""
+        if self.value("main_lens", "aperture_mm") is None:
+            return focal_mm / self._positive("main_lens", "f_number")
+        stated = self.number("main_lens", "aperture_mm")
+        if self.value("main_lens", "f_number") is not None:
+            number = self._positive("main_lens", "f_number")
+            if abs(focal_mm / number - stated) > STATED_TWICE * abs(stated):
+                raise PlenoPIVError(
+                    f"{self.path}: main_lens.f_number = {number:g} is an aperture of {focal_mm / number:.4g} mm, but "
+                    f"main_lens.aperture_mm = {stated:g}: give one"
+                )
+        return stated
 
     def _magnification(self, focal_mm: float) -> float:
         """M as stated, or from the distances; these must be conjugates of the focal length."""

@@ -10,6 +10,7 @@ import numpy as np
 from plenopiv.displacement.resolution import effective_window
 from plenopiv.experiment import Experiment
 from plenopiv.report.document import plain
+from plenopiv.report.moments import what_of
 from plenopiv.velocity import replaced_share
 
 if TYPE_CHECKING:
@@ -22,8 +23,8 @@ HEAD = ("along", "displacement, voxels", "velocity, m/s", "median error bar, m/s
 def facts(
     title: str, experiment: Experiment, dataset: xarray.Dataset, summary: Mapping[str, Any], pairs: int, date: str
 ) -> str:
-    """The head of the page. ``dataset``: the velocity field that it shows, the first of ``pairs``; ``date``: when it
-    was measured, "" where that is not said."""
+    """The head of the page. ``dataset``: the velocity field that it shows, the first of ``pairs`` or
+    phases; ``date``: when it was measured, "" where that is not said."""
     told = [f"{experiment.folder.resolve().name}/{experiment.path.name}"]
     told += [f"measured {date}"] if date else []
     told += [f"PlenoPIV {summary['plenopiv']}"] if "plenopiv" in summary else []
@@ -48,7 +49,7 @@ def _numbers(
     recording = experiment.recording_table
     numbers = [
         (f"{summary.get('vectors', dataset['valid'].size):,}", "vectors"),
-        (f"{pairs:,}", "pairs" if pairs != 1 else "pair"),
+        *_counts(dataset, summary, pairs),
         (f"{100 * valid:.1f} %", "measured, not replaced"),
         (_times(windows, "d") + " voxels", f"last window: {_times(window_mm, '.3g')} mm"),
         (_times(resolved, ".0f") + " voxels", "box whose mean resolves the same"),
@@ -69,6 +70,13 @@ def _numbers(
     return numbers
 
 
+def _counts(dataset: xarray.Dataset, summary: Mapping[str, Any], fields: int) -> list[tuple[str, str]]:
+    """Of pairs, and of phases where there are some; of an ensemble all pairs that are in it."""
+    pairs = sum(summary["ensemble"]["pairs"]) if "ensemble" in summary else fields
+    counts = [(pairs, "pair"), (fields, "phase")] if what_of(dataset) == "phase" else [(pairs, "pair")]
+    return [(f"{count:,}", f"{name}{'s'[: count != 1]}") for count, name in counts]
+
+
 def _ranges(experiment: Experiment, dataset: xarray.Dataset, pairs: int) -> str:
     """Along each axis the displacements and velocities of the vectors that are shown, and their median error bar."""
     field = dataset.isel(time=0)
@@ -84,7 +92,7 @@ def _ranges(experiment: Experiment, dataset: xarray.Dataset, pairs: int) -> str:
         )
     head = "".join(f"<th>{plain(text)}</th>" for text in HEAD)
     body = "".join("<tr>" + "".join(f"<td>{plain(text)}</td>" for text in row) + "</tr>" for row in rows)
-    which = f", of the first of {pairs:,} pairs" if pairs > 1 else ""
+    which = f", of the first of {pairs:,} {what_of(dataset)}s" if pairs > 1 else ""
     words = f"Lowest to highest of all vectors{which}; error bar: one standard deviation."
     return (
         f'<div class="wide"><table class="facts"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'

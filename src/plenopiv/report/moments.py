@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import xarray
 
 BLOCK_BYTES = 32 << 20  # read at once: each read of a file takes some milliseconds
+PHASE = "phase"  # of a field that is of a phase, not of a pair
 MEASURED = ("u", "v", "w", "u_std", "v_std", "w_std", "peak_ratio", "valid", "inside_body")
 DIMS = ("time", "z", "y", "x")
 
@@ -59,7 +60,7 @@ def series_of_file(path: Path) -> Series:
 
 def _read(path: Path) -> Iterator[xarray.Dataset]:
     with opened_velocity(path) as dataset:
-        fields = dataset[[name for name in MEASURED if name in dataset]].transpose(*DIMS, ...)
+        fields = dataset[[name for name in (*MEASURED, PHASE) if name in dataset]].transpose(*DIMS, ...)
         count = dataset.sizes["time"]
         together = max(1, int(BLOCK_BYTES * count / max(fields.nbytes, 1)))
         for first in range(0, count, together):
@@ -83,23 +84,35 @@ def moments(series: Series, step: tuple[int, ...], most: int) -> list[Moment]:
         if series.count > 1:
             running.add(one)
         if k in chosen:
-            of_time = f", t = {float(one['time']):.6g} s" if "time" in one.coords else ""
             values = {name: one[name].values for name in MEASURED if name in one} | _turning(one)
-            found.append(Moment("time", f"pair {k + 1} of {series.count}{of_time}", _thinned(values, cut)))
+            found.append(Moment("time", _named(one, k, series.count), _thinned(values, cut)))
     if running is not None and series.count > 1:
         mean, rms = running.mean(), running.rms()
         turning = _turning(running.like.assign({name: (DIMS[1:], mean[name]) for name in "uvw"}))
-        counted = f"of {series.count} pairs"
+        counted = f"of {series.count} {what_of(running.like)}s"
         found.append(Moment("mean", f"mean {counted}", _thinned(mean | turning, cut)))
         found.append(Moment("rms", f"RMS fluctuation {counted}", _thinned(rms, cut)))
     return found
+
+
+def what_of(field: xarray.Dataset) -> str:
+    """What a velocity field is of: a "pair", or a "phase" of an ensemble."""
+    return "phase" if PHASE in field else "pair"
+
+
+def _named(one: xarray.Dataset, number: int, count: int) -> str:
+    of_time = f", t = {float(one['time']):.6g} s" if "time" in one.coords else ""
+    if what_of(one) == "pair":
+        return f"pair {number + 1} of {count}{of_time}"
+    unit = one[PHASE].attrs.get("units", "1")
+    return f"phase {float(one[PHASE]):.6g}{'' if unit == '1' else f' {unit}'}, {number + 1} of {count}"
 
 
 class _Running:
     """Mean and mean square of the fluctuations of u, v, w, one field after the other (Welford)."""
 
     def __init__(self, like: xarray.Dataset) -> None:
-        self.like = like[["u", "v", "w"]].transpose(*DIMS[1:])
+        self.like = like[[name for name in (*"uvw", PHASE) if name in like]].transpose(*DIMS[1:])
         shape = self.like["u"].shape
         self.count = np.zeros(shape)
         self._mean, self._squares = np.zeros((3, *shape)), np.zeros((3, *shape))

@@ -15,7 +15,7 @@ from plenopiv.report import charts, figures, viewers
 from plenopiv.report.document import bars, flat, page, pictures, plain, section, subheading, table
 from plenopiv.report.facts import facts
 from plenopiv.report.field import field_data
-from plenopiv.report.moments import Series
+from plenopiv.report.moments import Series, what_of
 from plenopiv.report.stacks import Stack
 from plenopiv.report.views import Projections, RawCrop
 from plenopiv.velocity import replaced_share, vectors_inside_body
@@ -52,14 +52,14 @@ def write_report(
     ``summary`` is what goes to summary.json: its ``warnings`` (a list of lines), ``timings_s`` and ``peak_memory_gb``
     (by stage) and ``versions`` have sections of their own, all else is tabled by dotted key. ``dataset`` is the
     velocity field, dims (time, z, y, x); of several times figures draw the first. ``series``: of several pairs, what
-    is plotted over their time (``run.written.series_of``), ``dataset`` then that of the first, and ``fields`` all of
-    them for the 3D scene and the slices. ``date``: when it was measured. ``stacks`` are pictures under sliders, named
-    "volume", "views" and "refocus". ``accuracy`` is for recordings whose truth is known: measure -> number or text,
+    is plotted over their time (``run.written.series_of``). ``fields``: of several pairs or phases all of them, for the
+    3D scene and the slices, ``dataset`` then that of the first. ``date``: when it was measured. ``stacks`` are pictures
+    under sliders, named "volume", "views" and "refocus". ``accuracy`` is for recordings whose truth is known: measure -> number or text,
     and under "by_depth" a ``DepthProfile``. ``figures_folder``: where figures go as PNG and PDF too.
     """
     drawn = _Figures(None if figures_folder is None else Path(figures_folder))
     leafed = {stack.name: stack for stack in stacks}
-    pairs = len(series["time_s"]) if series else dataset.sizes["time"]
+    pairs = len(series["time_s"]) if series else fields.count if fields else dataset.sizes["time"]
     parts = [
         *_velocity(dataset, fields, pairs, drawn),
         *_series(series or {}, drawn),
@@ -117,9 +117,10 @@ def _velocity(dataset: xarray.Dataset, fields: Series | None, pairs: int, drawn:
     every = " x ".join(str(field["step"][axis]) for axis in "xyz")
     thinned = "" if every == "1 x 1 x 1" else f" To keep the page small, one vector in {every} along x, y, z is drawn."
     times = sum(moment["kind"] == "time" for moment in field["moments"])
-    some = f"{times} of {pairs} pairs, evenly chosen" if times < pairs else f"Each of {pairs} pairs"
+    each = what_of(dataset)
+    some = f"{times} of {pairs} {each}s, evenly chosen" if times < pairs else f"Each of {pairs} {each}s"
     series = f"{some}, and the mean and RMS fluctuation of all valid vectors. " if pairs > 1 else ""
-    first = ", of the first pair" if pairs > 1 else ""
+    first = f", of the first {what_of(dataset)}" if pairs > 1 else ""
     return [
         section(
             "Velocity in 3D",
@@ -158,7 +159,7 @@ def _validation(
     """``summary`` is of all vectors, figures are of the first of ``pairs``."""
     dt_s, voxel_mm = experiment.recording_table.dt_s, experiment.volume.voxel_mm
     share = 100 * summary.get("replaced_share", replaced_share(dataset))
-    first = ", of the first pair" if pairs > 1 else ""
+    first = f", of the first {what_of(dataset)}" if pairs > 1 else ""
     content = [
         subheading(f"Where vectors were replaced{first}"),
         drawn("validation", charts.validation_figure(dataset), "where vectors were replaced", "chart"),

@@ -92,8 +92,10 @@ class Ensembles:
     @property
     def summary(self) -> dict[str, Any]:
         """How many pairs each field is of, and how many were left out."""
-        found = {"pairs": [len(each) for each in self.pairs], "pairs_left_out": self.left_out}
-        return {"ensemble": found | ({"phase": list(self.phase)} if self.phase else {})}
+        pairs = [len(each) for each in self.pairs]
+        found = {"pairs": pairs, "pairs_left_out": self.left_out}
+        stated = found | ({"phase": list(self.phase)} if self.phase else {})
+        return {"pairs": sum(pairs), "ensemble": stated}
 
     def times(self, recording: Recording) -> dict[str, list[float]]:
         """Mean times, numbers of pairs, and phases."""
