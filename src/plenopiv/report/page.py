@@ -52,10 +52,11 @@ def write_report(
     ``summary`` is what goes to summary.json: its ``warnings`` (a list of lines), ``timings_s`` and ``peak_memory_gb``
     (by stage) and ``versions`` have sections of their own, all else is tabled by dotted key. ``dataset`` is the
     velocity field, dims (time, z, y, x); of several times figures draw the first. ``series``: of several pairs, what
-    is plotted over their time (``run.written.series_of``). ``fields``: of several pairs or phases all of them, for the
-    3D scene and the slices, ``dataset`` then that of the first. ``date``: when it was measured. ``stacks`` are pictures
-    under sliders, named "volume", "views" and "refocus". ``accuracy`` is for recordings whose truth is known: measure -> number or text,
-    and under "by_depth" a ``DepthProfile``. ``figures_folder``: where figures go as PNG and PDF too.
+    is plotted over their time (``run.written.series_of``). ``fields``: of several pairs or phases all of them, for
+    the 3D scene and the slices, ``dataset`` then that of the first. ``date``: when it was measured. ``stacks`` are
+    pictures under sliders, named "volume", "views" and "refocus". ``accuracy`` is for recordings whose truth is
+    known: measure -> number or text, and under "by_depth" a ``DepthProfile``. ``figures_folder``: where figures go as
+    PNG and PDF too.
     """
     drawn = _Figures(None if figures_folder is None else Path(figures_folder))
     leafed = {stack.name: stack for stack in stacks}
