@@ -33,6 +33,12 @@ def refused(path, sensor=SENSOR):
     return message
 
 
+def test_frames_may_be_named_by_text(tmp_path, counts):
+    names = [str(write(tmp_path / f"{letter}.tif", counts)) for letter in "ab"]
+    recording = Recording(SENSOR, names, None, 1e-3, "upright")
+    np.testing.assert_array_equal(recording.frame(1), counts)
+
+
 @pytest.mark.parametrize(
     "options",
     [

@@ -114,6 +114,8 @@ def test_size_of_a_particles_image_is_measured(spread):
 def test_an_image_without_particles_has_no_size():
     with pytest.raises(PlenoPIVError, match="image_px"):
         measured_image_px(np.random.default_rng(3).normal(100, 3, (200, 200)))
+    with pytest.raises(PlenoPIVError, match="rows and columns"):
+        measured_image_px(np.ones(200))
 
 
 def test_spots_lie_where_particles_are_imaged():

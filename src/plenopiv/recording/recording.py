@@ -66,7 +66,7 @@ class Recording:
             raise PlenoPIVError(
                 f"recording.dt_s: {self.dt_s} is no time between frames; give a positive number of seconds"
             )
-        frames = tuple(f if isinstance(f, ImageSource) else only_source(f) for f in self.frames)
+        frames = tuple(f if isinstance(f, ImageSource) else only_source(Path(f)) for f in self.frames)
         object.__setattr__(self, "frames", frames)
         if len(frames) < 2:
             names = ", ".join(self.names) or "none"

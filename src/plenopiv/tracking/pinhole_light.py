@@ -41,8 +41,10 @@ def measured_image_px(image: NDArray) -> float:
     none of them.
 
     Raises:
-        PlenoPIVError: covariances do not fall as those of particles.
+        PlenoPIVError: it is no image (rows, columns); covariances do not fall as those of particles.
     """
+    if np.ndim(image) != 2:
+        raise PlenoPIVError(f"tracking: an image has rows and columns, and this has the shape {np.shape(image)}")
     values = np.asarray(image, float) - np.mean(image)
 
     def apart(d: int) -> float:
