@@ -11,6 +11,8 @@ nothing by itself: where its default does, a decision says so.
     benchmarks/fresh.py --pages           write into the pages which of their tables are stale, and docs/fresh.md
 
 TABLE: a part of a table's name. Tables are recorded here alone: a script that is run by itself leaves its table stale.
+Of tables that take hours each case carries a stamp of what made it (``stamp``): their scripts make the cases that are
+not of today's program, one after the other, so that a table is made in parts, over several calls.
 """
 
 from __future__ import annotations
@@ -112,6 +114,12 @@ def tables() -> list[Table]:
 def records() -> dict[str, Any]:
     """The content of made.json."""
     return dict(json.loads(MADE.read_text(encoding="utf-8"))) if MADE.exists() else {}
+
+
+def stamp(file: Path) -> str:
+    """Of today's settings and decisions, for a case of the table that is recorded in ``file``."""
+    table = next(table for table in tables() if ROOT / table.file == file)
+    return hashlib.sha256(json.dumps(table.made_with_today(), sort_keys=True).encode()).hexdigest()[:16]
 
 
 def make(table: Table) -> None:

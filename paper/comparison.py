@@ -5,14 +5,17 @@ reconstructed ones, which shows what its windows resolve; two plenoptic cameras 
 paper's settings; Tomo-PIV of the light field's particles in windows of the same size. All but the fourth are correlated
 once more with sub-window averaging.
 
-Writes results/comparison.json, its table results/comparison.md, and figures to docs/images/paper (comparison-full of
-the full size, and what they show to results/fields); fields, with the DNS beside them, to build/comparison.
+Cases that are not of today's program are measured, or those named after --only, one after the other: ended and called
+again it goes on. Writes results/comparison.json, its table results/comparison.md, and figures to docs/images/paper
+(comparison-full of the full size, and what they show to results/fields); fields, with the DNS beside them, to
+build/comparison.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -37,6 +40,9 @@ from outputs import table, three
 from plenopiv.io.netcdf import write_velocity
 from plenopiv.run.memory import peak_so_far
 from plenopiv.simulation.flows import flow
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+import fresh
 
 ROOT = Path(__file__).parents[1]
 TITLES = {
@@ -135,23 +141,25 @@ def _whole(found: dict[str, Any]) -> list[str]:
     ]
 
 
-def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ...] = MEASUREMENTS) -> dict[str, Any]:
-    """Announce, measure, write JSON, table and figures into ``out``. ``only``: which cases to measure anew; the others
-    are taken from earlier results of the same size."""
+def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Announce, measure, write JSON, table and figures into ``out``. ``only``: which cases to measure anew, by default
+    those that are not of today's program; the others are taken from earlier results of the same size."""
     setting, target = SIZES[size], out / "paper" / "results"
-    for name, line in announced(setting, only).items():
-        print(f"{TITLES[name]}: {line}", flush=True)
     stem = "comparison-full" if size == "full" else "comparison"
     fields, file = out / "build" / "comparison", target / f"{stem}.json"
     earlier = json.loads(file.read_text()) if file.exists() else {"size": None}
     cases = dict(earlier["cases"]) if earlier["size"] == size else {}
+    today = fresh.stamp(ROOT / "paper" / "results" / f"{stem}.json")
+    only = only or tuple(name for name in MEASUREMENTS if cases.get(name, {}).get("made_with") != today)
+    for name, line in announced(setting, only).items():
+        print(f"{TITLES[name]}: {line}", flush=True)
     target.mkdir(parents=True, exist_ok=True)
     for name in only:
         work = partial(case, name, setting, fields)
         found = in_a_process(work) if isolated else work()
         for title, told in found.items():
             print(f"{TITLES[title]}: {json.dumps(told['errors']['window_mean']['all'])}", flush=True)
-        cases |= found
+            cases[title] = told | {"made_with": today}
         if size == "full":
             for title in found.keys() & set(comparison_figures.DRAWN):
                 comparison_figures.keep(fields, setting, title, target / "fields")
@@ -169,7 +177,7 @@ def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ..
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("size", nargs="?", choices=tuple(SIZES), default="reduced")
-    parser.add_argument("--only", nargs="+", choices=MEASUREMENTS, default=MEASUREMENTS)
+    parser.add_argument("--only", nargs="+", choices=MEASUREMENTS, default=())
     parser.add_argument("--out", type=Path, default=ROOT, help="folder for paper/results and docs/images/paper")
     asked = parser.parse_args()
     main(asked.size, asked.out, only=tuple(asked.only))

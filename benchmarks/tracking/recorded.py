@@ -11,6 +11,9 @@ from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 
+sys.path.append(str(Path(__file__).parents[1]))
+import fresh
+
 PAGE = Path(__file__).parents[2] / "docs" / "tracking.md"
 
 
@@ -29,14 +32,16 @@ def camera_and_volume(columns: int, depth_mm: float) -> tuple[PlenopticCamera, t
 def run_cases(
     path: Path, cases: Mapping[str, dict], base: dict, measure: Callable[..., dict], page: Callable[[dict], None]
 ) -> None:
-    """Measure the cases named on the command line, or all, and record each at ``path``; then write the ``page``, which
-    ``page`` as the only word does alone."""
-    record = json.loads(path.read_text()) if path.exists() else {}
-    for name in () if sys.argv[1:] == ["page"] else sys.argv[1:] or cases:
-        record[name] = measure(**base | cases[name])
-        print(name, json.dumps(record[name], indent=1))
-        path.write_text(json.dumps(record, indent=1) + "\n")
-    page(record)
+    """Measure the cases named on the command line, "all" of them, or without a name those that are not of today's
+    program, and record each at ``path``; then write the ``page``, which ``page`` as the only word does alone."""
+    stored, today, asked = json.loads(path.read_text()) if path.exists() else {}, fresh.stamp(path), sys.argv[1:]
+    old = [name for name in cases if stored.get(name, {}).get("made_with") != today]
+    for name in () if asked == ["page"] else cases if asked == ["all"] else asked or old:
+        stored[name] = measure(**base | cases[name]) | {"made_with": today}
+        print(name, json.dumps(stored[name], indent=1))
+        stored = {name: stored[name] for name in cases if name in stored}
+        path.write_text(json.dumps(stored, indent=1) + "\n")
+    page(stored)
 
 
 def write_table(name: str, lines: Iterable[str]) -> None:

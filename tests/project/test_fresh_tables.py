@@ -83,3 +83,42 @@ def test_a_page_has_a_line_while_one_of_its_tables_is_stale(monkeypatch):
     assert marked.startswith("# Title\n\n<!-- fresh: begin -->")
     assert fresh._marked(marked, [table]) == marked
     assert fresh._marked(marked, []) == text
+
+
+def test_a_case_has_a_stamp_of_what_made_it(monkeypatch):
+    file = ROOT / "benchmarks" / "tracking" / "sequence.json"
+    before = fresh.stamp(file)
+    assert fresh.stamp(file) == before != fresh.stamp(file.with_name("full_size.json"))
+    monkeypatch.setitem(fresh.DECISIONS, "optics", 99)
+    assert fresh.stamp(file) == before
+    monkeypatch.setitem(fresh.DECISIONS, "smoothing", 99)
+    assert fresh.stamp(file) != before
+
+
+def test_only_cases_of_an_earlier_program_are_made(monkeypatch, tmp_path):
+    """And ended after the first of two, it goes on with the second."""
+    sys.path.append(str(ROOT / "benchmarks" / "tracking"))
+    import recorded
+
+    path, cases, made = tmp_path / "a.json", {"one": {"n": 1}, "two": {"n": 2}, "three": {"n": 3}}, []
+    path.write_text(json.dumps({"gone": {}, "two": {"square": 4, "made_with": "today"}, "three": {"square": 8}}))
+    monkeypatch.setattr(recorded.fresh, "stamp", lambda file: "today")
+    monkeypatch.setattr(sys, "argv", ["script"])
+
+    def measure(n):
+        if made == [1] and n == 3:
+            made.append("ended")
+            raise KeyboardInterrupt
+        made.append(n)
+        return {"square": n * n}
+
+    with pytest.raises(KeyboardInterrupt):
+        recorded.run_cases(path, cases, {}, measure, lambda record: None)
+    pages = []
+    recorded.run_cases(path, cases, {}, measure, pages.append)
+    assert made == [1, "ended", 3]
+    assert [own["square"] for own in pages[0].values()] == [1, 4, 9]
+    assert list(json.loads(path.read_text())) == list(cases)
+    monkeypatch.setattr(sys, "argv", ["script", "all"])
+    recorded.run_cases(path, cases, {}, measure, lambda record: None)
+    assert made[3:] == [1, 2, 3]
