@@ -82,7 +82,8 @@ class RayModel:
         return s, u
 
     def _slopes_at_lens(self, points: NDArray[np.float64], h: NDArray[np.float64]) -> NDArray[np.float64]:
-        """dx/dz and dy/dz toward the camera in the air before the lens, (n, m, 2)."""
+        """dx/dz and dy/dz toward the camera in the air before the lens, (n, m, 2); NaN where no light goes that way,
+        which a fit may try."""
         medium = self.medium
         about_x, about_y = np.radians(medium.window_tilt_deg)
         turn = rotation(about_x, about_y, 0.0)  # the window's axes in the camera's frame
@@ -95,13 +96,14 @@ class RayModel:
         depth, height = -below[:, 2, None], (above[:, 2] - medium.window_mm)[None]
         n_w, n_g, t = medium.refractive_index, medium.window_refractive_index, medium.window_mm
         p = along / (depth / n_w + t / n_g + height)
-        for _ in range(NEWTON):
-            p = np.minimum(p, STEEPEST)
-            a, b, c = n_w**2 - p**2, n_g**2 - p**2, 1 - p**2
-            miss = p * (depth / np.sqrt(a) + t / np.sqrt(b) + height / np.sqrt(c)) - along
-            p = p - miss / (depth * n_w**2 / a**1.5 + t * n_g**2 / b**1.5 + height / c**1.5)
-        lateral = way * (p / np.maximum(along, 1e-300))[..., None]
-        direction = np.concatenate([lateral, np.sqrt(1 - p**2)[..., None]], -1) @ turn.T
+        with np.errstate(invalid="ignore"):
+            for _ in range(NEWTON):
+                p = np.minimum(p, STEEPEST)
+                a, b, c = n_w**2 - p**2, n_g**2 - p**2, 1 - p**2
+                miss = p * (depth / np.sqrt(a) + t / np.sqrt(b) + height / np.sqrt(c)) - along
+                p = p - miss / (depth * n_w**2 / a**1.5 + t * n_g**2 / b**1.5 + height / c**1.5)
+            lateral = way * (p / np.maximum(along, 1e-300))[..., None]
+            direction = np.concatenate([lateral, np.sqrt(1 - p**2)[..., None]], -1) @ turn.T
         return direction[..., :2] / direction[..., 2:]
 
 
