@@ -10,7 +10,7 @@ nothing by itself: where its default does, a decision says so.
     benchmarks/fresh.py ensemble --again  this one, stale or not
     benchmarks/fresh.py --pages           write into the pages which of their tables are stale, and docs/fresh.md
 
-TABLE: a part of a table's name. Tables are recorded here alone: a script that is run by itself leaves its table stale.
+TABLE: a table's name, or a part of it. Tables are recorded here alone: a script that is run by itself leaves its table stale.
 Of tables that take hours each case carries a stamp of what made it (``stamp``): their scripts make the cases that are
 not of today's program, one after the other, so that a table is made in parts, over several calls.
 """
@@ -199,6 +199,14 @@ def _list(made: dict[str, Any]) -> str:
     return INTRODUCTION + "".join(rows)
 
 
+def asked_for(names: list[str]) -> list[Table]:
+    """Those of these names, else those with them in their names."""
+    every = tables()
+    exact = {table.name for table in every} & set(names)
+    parts = set(names) - exact
+    return [table for table in every if table.name in exact or any(part in table.name for part in parts)]
+
+
 def main() -> None:
     """List, make, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -206,7 +214,7 @@ def main() -> None:
     parser.add_argument("--again", action="store_true", help="make them anew")
     parser.add_argument("--pages", action="store_true", help="write what is stale into the pages")
     given = parser.parse_args()
-    chosen = [table for table in tables() if not given.table or any(part in table.name for part in given.table)]
+    chosen = asked_for(given.table) if given.table else tables()
     if not chosen:
         raise SystemExit(f"no table has {' or '.join(given.table)} in its name; they are listed in {TABLES}")
     for table in chosen if given.again else []:

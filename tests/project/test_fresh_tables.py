@@ -122,3 +122,12 @@ def test_only_cases_of_an_earlier_program_are_made(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "argv", ["script", "all"])
     recorded.run_cases(path, cases, {}, measure, lambda record: None)
     assert made[3:] == [1, 2, 3]
+
+
+def test_tables_are_asked_for_by_name_or_by_a_part_of_it():
+    assert [table.name for table in fresh.asked_for(["paper/results/comparison"])] == ["paper/results/comparison"]
+    assert {table.name for table in fresh.asked_for(["results/comparison", "tracking/jet"])} == {
+        "paper/results/comparison",
+        "paper/results/comparison-full",
+        "tracking/jet",
+    }
