@@ -10,7 +10,8 @@ nothing by itself: where its default does, a decision says so.
     benchmarks/fresh.py ensemble --again  this one, stale or not
     benchmarks/fresh.py --pages           write into the pages which of their tables are stale, and docs/fresh.md
 
-TABLE: a table's name, or a part of it. Tables are recorded here alone: a script that is run by itself leaves its table stale.
+TABLE: a table's name, or a part of it. Tables are recorded here alone: a script that is run by itself leaves its table
+stale.
 Of tables that take hours each case carries a stamp of what made it (``stamp``): their scripts make the cases that are
 not of today's program, one after the other, so that a table is made in parts, over several calls.
 """
