@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.checks.pair import PairCheck
+from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 
 SENSOR = Sensor(400, 360, 0.0055, 12, 60.0)
+CAMERA = PlenopticCamera(MainLens(50.0, 25.0, -1.0), Lattice("hexagonal", 0.077), 0.308, SENSOR)
 NAMES = ("a.tif", "b.tif")
 
 
@@ -17,7 +20,7 @@ def frame(seed, light=40.0):
 
 
 def found(a, b):
-    return {one.name: one for one in PairCheck(SENSOR, None, 14.0).findings((a, b), NAMES)}
+    return {one.name: one for one in PairCheck(SENSOR, None, CAMERA).findings((a, b), NAMES)}
 
 
 def dark(rows):
@@ -65,5 +68,5 @@ def test_pixels_that_are_no_equations_are_not_asked():
     bright[:200] = SENSOR.full_scale
     masked = np.zeros(bright.shape, bool)
     masked[:200] = True
-    found = PairCheck(SENSOR, None, 14.0, masked).findings((frame(1), bright), NAMES)
+    found = PairCheck(SENSOR, None, CAMERA, masked).findings((frame(1), bright), NAMES)
     assert found == []

@@ -115,6 +115,7 @@ def test_names_and_units_of_the_file(sequence):
     assert [tracks[name].attrs["units"] for name in ("x", "u", "ax", "az_std")] == ["mm", "m s-1", "m s-2", "m s-2"]
     assert tracks.covariance.shape[1:] == (6, 6)
     assert len(tracks.attrs["jerk_m_s3"]) == 3
+    assert tracks.attrs["frame"] == "camera"
     once = np.unique(np.stack([tracks.frame.values, tracks.track_id.values])[:, tracks.track_id.values >= 0], axis=1)
     assert once.shape[1] == (tracks.track_id.values >= 0).sum()
     assert np.isnan(tracks.ax.values[tracks.track_id.values < 0]).all()

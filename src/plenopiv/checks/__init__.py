@@ -3,6 +3,7 @@
 findings.py      Finding: severity, words, number, advice
 white.py         the white image: lattice, f-numbers, light
 fit.py           whether the frames' light falls where the white image has its microlenses; flips and turns
+outlines.py      the same by where micro-images end, which settles what uneven light leaves in doubt
 light.py         exposure and background of frames
                  seeding: particles per microlens, per pixel, per window
 motion.py        displacement between two frames, from refocused pictures

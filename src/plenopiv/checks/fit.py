@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from plenopiv.checks.findings import Finding
 
+FITTING, MOVED, OTHER_CAMERA = "white-fits-frames", "white-moved", "other-camera"  # names of findings
 BLOCK = 20.0  # pitches
 MOST_BLOCKS = 64
 LIT = 0.2  # of the light of the brightest block: with less, a block is beside the lit volume
@@ -104,12 +105,17 @@ def fits(
     return [Fit(a, float(v), centres[here], s[here]) for a, v, s, here in found]
 
 
+def fitting(name: str, shift_px: float) -> Finding:
+    """The good finding on frame ``name``."""
+    return Finding(FITTING, "good", f"the light of {name} falls under the white image's microlenses", shift_px, "px")
+
+
 def finding(found: Fit, name: str) -> Finding:
     """The finding on frame ``name``."""
     given = found.agreement["as it is"]
     if given >= FITS and found.shift_px > MOVED_PX:
         return Finding(
-            "white-moved",
+            MOVED,
             "warning",
             f"the microlenses of {name} lie {found.shift_px:.1f} px off those of the white image",
             found.shift_px,
@@ -117,11 +123,10 @@ def finding(found: Fit, name: str) -> Finding:
             'lens or array moved a little since; take a new white image, or set recording.drift = "auto"',
         )
     if given >= FITS:
-        words = f"the light of {name} falls under the white image's microlenses"
-        return Finding("white-fits-frames", "good", words, found.shift_px, "px")
+        return fitting(name, found.shift_px)
     if found.visible < FEWEST:
         return Finding(
-            "white-fits-frames",
+            FITTING,
             "warning",
             f"{name} shows no microlenses: whether the white image fits is unknown",
             found.visible,
@@ -139,7 +144,7 @@ def finding(found: Fit, name: str) -> Finding:
             "(docs/frame-and-units.md)",
         )
     return Finding(
-        "other-camera",
+        OTHER_CAMERA,
         "unusable",
         f"the microlenses of {name} lie {found.shift_px:.1f} px (median, within half a pitch) off those of the white "
         "image, in no orientation nearer: it is another camera's, or lens or array have moved since",

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.checks import fit, light, repeats, static
+from plenopiv.cameras.plenoptic import PlenopticCamera
+from plenopiv.checks import fit, light, outlines, repeats, static
 from plenopiv.checks.findings import Finding
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.recording import Recording
@@ -30,11 +31,11 @@ Progress = Callable[[str, int, int], None]
 @dataclass(frozen=True)
 class PairCheck:
     """What pairs of one recording are compared with: the upright white image (rows, columns), in counts, or None, and
-    the pitch of its micro-images. ``unusable``: pixels (rows, columns) that are no equations, None for none."""
+    the ``camera`` with its lattice. ``unusable``: pixels (rows, columns) that are no equations, None for none."""
 
     sensor: Sensor
     white: NDArray | None
-    pitch_px: float
+    camera: PlenopticCamera
     unusable: NDArray[np.bool_] | None = None
 
     def findings(self, images: tuple[NDArray, NDArray], names: tuple[str, str]) -> list[Finding]:
@@ -58,18 +59,19 @@ class PairCheck:
         """Frames that were turned or mirrored, or whose microlenses lie elsewhere."""
         if self.white is None:
             return []
-        level = self.sensor.black_level
+        level, pitch_px = self.sensor.black_level, self.camera.image_pitch_px
         out = []
-        seen = fit.fits(images, self.white, self.pitch_px, level, ("as it is",))
+        seen = fit.fits(images, self.white, pitch_px, level, ("as it is",))
         for image, name, found in zip(images, names, seen, strict=True):
             if found.agreement["as it is"] < fit.FITS:
-                found = fit.fits([image], self.white, self.pitch_px, level)[0]
-            out.append(fit.finding(found, name))
+                found = fit.fits([image], self.white, pitch_px, level)[0]
+            of_frame = fit.finding(found, name)
+            out.append(outlines.settled(of_frame, image, name, self.white, self.camera, self.unusable))
         return out
 
     def _partly_dark(self, images: tuple[NDArray, NDArray], names: tuple[str, str]) -> Finding | None:
         """A finding where a part of one frame lost the light that the other one has there."""
-        count = int(np.clip(min(images[0].shape) / (BLOCK * self.pitch_px), 1, MOST_BLOCKS))
+        count = int(np.clip(min(images[0].shape) / (BLOCK * self.camera.image_pitch_px), 1, MOST_BLOCKS))
         one, other = (_light_of_blocks(image - np.float32(self.sensor.black_level), count) for image in images)
         clear = np.maximum(one, other) > FAINT * np.median(np.maximum(one, other))
         if count < 2 or not clear.any() or min(np.median(one[clear]), np.median(other[clear])) <= 0:

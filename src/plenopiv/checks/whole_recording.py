@@ -21,6 +21,7 @@ from plenopiv.checks import (
     lens_blur,
     light,
     motion,
+    outlines,
     repeats,
     reversal,
     stamps,
@@ -131,7 +132,7 @@ def check(
         seen, of_frames = _against_white(recording, seen, chosen, frames, names, drift_measured)
         findings += of_frames
         report("frames against the white image", 1, 1)
-        if any(finding.severity == "unusable" for finding in findings if finding.name in ("flipped", "other-camera")):
+        if any(finding.severity == "unusable" for finding in findings if finding.name in ("flipped", fit.OTHER_CAMERA)):
             return replace(seen, findings=tuple(findings))
     how = report, with_motion, blur_measured
     others, lit, moved = _light_and_motion(recording, seen, frames[:2], names, grid, correlation, *how)
@@ -167,18 +168,21 @@ def _against_white(
     assert white is not None
     level = camera.sensor.black_level
 
-    def compared(with_white: NDArray) -> tuple[CheckResult, list[Finding]]:
+    def compared(with_white: NDArray, lattice_of: PlenopticCamera) -> tuple[CheckResult, list[Finding]]:
         fits = fit.fits(frames, with_white, camera.image_pitch_px, level)
-        found = _worst([fit.finding(each, name) for each, name in zip(fits, names, strict=True)])
-        return replace(seen, fit=fits[0]), found
+        each = [fit.finding(one, name) for one, name in zip(fits, names, strict=True)]
+        known = with_white, lattice_of, recording.unusable
+        return replace(seen, fit=fits[0]), _worst(
+            [outlines.settled(one, frame, name, *known) for one, frame, name in zip(each, frames, names, strict=True)]
+        )
 
-    as_it_was, found = compared(white)
+    as_it_was, found = compared(white, camera)
     if not drifts or any(finding.name == "flipped" for finding in found):
         return as_it_was, found
     moved = find_drift(light_of(recording, chosen), white - np.float32(level), camera, recording.unusable)
     if moved is None or (of_drift := drift.finding(moved, camera.sensor)) is None:
         return as_it_was, found
-    now, found = compared(moved.drift.moved(white))
+    now, found = compared(moved.drift.moved(white), moved.drift.of(camera))
     if any(finding.severity == "unusable" for finding in found):
         return as_it_was, found
     return replace(now, camera=moved.drift.of(camera), drift=moved), [*found, of_drift]
@@ -270,8 +274,8 @@ def _first_frames(recording: Recording) -> list[NDArray]:
 def _worst(findings: list[Finding]) -> list[Finding]:
     """Those of several frames that are not good, one for each name, or the first where all are."""
     bad = {finding.name: finding for finding in reversed(findings) if finding.severity != "good"}
-    if "other-camera" in bad:
-        bad.pop("white-moved", None)  # half a pitch off, a lattice may seem to fit one of the frames
+    if fit.OTHER_CAMERA in bad:
+        bad.pop(fit.MOVED, None)  # half a pitch off, a lattice may seem to fit one of the frames
     return list(bad.values()) or findings[:1]
 
 

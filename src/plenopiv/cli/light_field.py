@@ -89,7 +89,7 @@ def check(file: Path, every: bool = False) -> Outcome:
         look = partial(look, drift_measured=experiment.drift_measured)
         found = look(recording, experiment.camera(), grid, experiment.correlation.settings(), progress)
         if every:
-            pairs = PairCheck(recording.sensor, found.white_now, found.camera.image_pitch_px, recording.unusable)
+            pairs = PairCheck(recording.sensor, found.white_now, found.camera, recording.unusable)
             found = replace(found, findings=(*found.findings, *every_pair(recording, pairs, progress)))
     drawn = _drawn(experiment, "check.png", check_figure(found))
     lines = [line for finding in found.findings for line in _finding_lines(finding)]

@@ -167,7 +167,7 @@ def judged(
     if bad and not (force and possible):
         more = "".join(f"; {finding.words}" for finding in bad[1:])
         raise PlenoPIVError(f"{bad[0].words}: {bad[0].advice}{more}{f'; {FORCE}' if possible else ''}")
-    pairs = PairCheck(recording.sensor, found.white_now, found.camera.image_pitch_px, recording.unusable)
+    pairs = PairCheck(recording.sensor, found.white_now, found.camera, recording.unusable)
     findings = list({finding.name: finding for finding in reversed(found.findings)}.values())[::-1]
     findings = [finding for finding in findings if finding.severity != "good"]
     for finding in findings:

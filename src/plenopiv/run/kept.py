@@ -203,7 +203,7 @@ class KeptVolumes:
         """What the checks said of the whole recording when it was run, and what judges fields."""
         of_pairs = [finding for record in self.manifest.pairs.values() for finding in record["findings"]]
         findings = [Finding(**finding) for finding in self.summary["findings"] if finding not in of_pairs]
-        check = PairCheck(recording.sensor, None, camera.image_pitch_px, recording.unusable)
+        check = PairCheck(recording.sensor, None, camera, recording.unusable)
         judge = PairJudge(self.inputs["force"], check, tuple(finding.severity for finding in findings))
         return Judgement(judge, findings)
 

@@ -53,7 +53,6 @@ from plenopiv.run.workers import Pool, Workers, started
 from plenopiv.run.written import not_in_images
 from plenopiv.tracking.covariance import TOGETHER
 from plenopiv.tracking.tracks import joined
-from plenopiv.volume import VoxelGrid
 
 if TYPE_CHECKING:
     import xarray
@@ -135,7 +134,7 @@ def track(
             folder.discard()
             summary = json.loads((folder.directory / "summary.json").read_text(encoding="utf-8"))
             if not is_whole(path, summary["tracks_sha256"]):
-                write_tracks(path, _tracks(folder, recording, chain.grid, _smooth(folder, recording, table)))
+                write_tracks(path, _tracks(folder, recording, chain, _smooth(folder, recording, table)))
             return TrackResult(path, folder.directory / "velocity.nc", summary)
         tracker = FrameTracker(chain, recording, table.wavelength_nm)
         _tell_memory(tracker, pool)
@@ -230,7 +229,7 @@ def _put_together(
         largest(read_velocity(each), chain.grid.voxel_mm, recording.dt_s)
         for each in fields.values() or [folder.there("velocity.nc")]
     ]
-    tracks = _tracks(folder, recording, chain.grid, smooth)
+    tracks = _tracks(folder, recording, chain, smooth)
     tracks.attrs["quality"] = said_of_all["quality"]
     staged = folder.directory / f".{FILE}.part"  # the old ones stay until all else is there
     write_tracks(staged, tracks)
@@ -265,12 +264,11 @@ def _smooth(folder: SeriesFolder, recording: Recording, table: TrackingTable) ->
     return SmoothSequence.of(folder, recording) if table.method == METHOD else None
 
 
-def _tracks(
-    folder: SeriesFolder, recording: Recording, grid: VoxelGrid, smooth: SmoothSequence | None
-) -> xarray.Dataset:
+def _tracks(folder: SeriesFolder, recording: Recording, chain: Chain, smooth: SmoothSequence | None) -> xarray.Dataset:
     """The tracks of all pairs' files, or those that are ``smooth``."""
     if smooth is not None:
-        tracks = own_tracks(smooth.dataset(), grid)
+        tracks = own_tracks(smooth.dataset(), chain.grid)
+        tracks.attrs["frame"] = chain.frame
     else:
         tracked = [number for number, record in sorted(folder.finished.items()) if record["set_aside"] is None]
         tracks = joined([read_tracks(folder.there(tracks_file(number))) for number in tracked])
