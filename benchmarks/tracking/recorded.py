@@ -41,7 +41,7 @@ def run_cases(
         print(name, json.dumps(stored[name], indent=1))
         stored = {name: stored[name] for name in cases if name in stored}
         path.write_text(json.dumps(stored, indent=1) + "\n")
-    page(stored)
+    page({name: {key: own for key, own in case.items() if key != "made_with"} for name, case in stored.items()})
 
 
 def write_table(name: str, lines: Iterable[str]) -> None:

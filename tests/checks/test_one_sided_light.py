@@ -1,4 +1,4 @@
-"""A beam narrower than the field, on one side of focus: particles light one side of micro-images, which have not moved."""
+"""A beam narrower than the field, on one side of focus: particles light one side of micro-images; nothing has moved."""
 
 import numpy as np
 import pytest

@@ -6,6 +6,7 @@ off although no microlens has moved (``fit``). Micro-images end where they did a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import hypot
 
 import numpy as np
@@ -15,6 +16,20 @@ from plenopiv.calibration.drift import find_drift
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.checks import fit
 from plenopiv.checks.findings import Finding
+
+
+def compared(
+    frames: Sequence[NDArray],
+    names: Sequence[str],
+    white: NDArray,
+    camera: PlenopticCamera,
+    unusable: NDArray[np.bool_] | None,
+) -> tuple[list[fit.Fit], list[Finding]]:
+    """How microlenses of ``frames`` lie to those of the ``white`` image, and a finding on each; as for ``settled``."""
+    fits = fit.fits(frames, white, camera.image_pitch_px, camera.sensor.black_level)
+    found = [fit.finding(one, name) for one, name in zip(fits, names, strict=True)]
+    each = zip(found, frames, names, strict=True)
+    return fits, [settled(one, frame, name, white, camera, unusable) for one, frame, name in each]
 
 
 def settled(

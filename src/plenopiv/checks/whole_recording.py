@@ -169,12 +169,8 @@ def _against_white(
     level = camera.sensor.black_level
 
     def compared(with_white: NDArray, lattice_of: PlenopticCamera) -> tuple[CheckResult, list[Finding]]:
-        fits = fit.fits(frames, with_white, camera.image_pitch_px, level)
-        each = [fit.finding(one, name) for one, name in zip(fits, names, strict=True)]
-        known = with_white, lattice_of, recording.unusable
-        return replace(seen, fit=fits[0]), _worst(
-            [outlines.settled(one, frame, name, *known) for one, frame, name in zip(each, frames, names, strict=True)]
-        )
+        fits, found = outlines.compared(frames, names, with_white, lattice_of, recording.unusable)
+        return replace(seen, fit=fits[0]), _worst(found)
 
     as_it_was, found = compared(white, camera)
     if not drifts or any(finding.name == "flipped" for finding in found):
