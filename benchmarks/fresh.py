@@ -38,7 +38,7 @@ BEGIN, END = "<!-- fresh: begin -->", "<!-- fresh: end -->"
 DECISIONS = {
     "optics": 1,
     "calibration": 53,
-    "checks": 53,
+    "checks": 84,
     "reconstruction": 62,
     "correlation": 76,
     "tracking": 80,
