@@ -53,8 +53,7 @@ class OpticsSheet:
     def value(self, table: str, *names: str) -> Any:
         """Of these keys, which all say the same, the one that the table has, or None."""
         section = self.tables.get(table)
-        found = [name for name in names if name in section] if isinstance(section, dict) else []
-        if not isinstance(section, dict) or not found:
+        if not isinstance(section, dict) or not (found := [name for name in names if name in section]):
             return None
         if any(section[name] != section[found[0]] for name in found[1:]):
             both = " and ".join(f"{table}.{name} = {_short(section[name])}" for name in found)
