@@ -23,7 +23,9 @@ from numpy.typing import NDArray
 
 from plenopiv.checks.findings import Finding
 
-FITTING, MOVED, OTHER_CAMERA = "white-fits-frames", "white-moved", "other-camera"  # names of findings
+FITTING = "white-fits-frames"  # names of findings
+MOVED = "white-moved"
+OTHER_CAMERA = "other-camera"
 BLOCK = 20.0  # pitches
 MOST_BLOCKS = 64
 LIT = 0.2  # of the light of the brightest block: with less, a block is beside the lit volume
