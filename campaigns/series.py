@@ -1,7 +1,7 @@
 """Campaign with series of pairs: is anything lost, or computed twice, whatever happens to a run or to its results?
 
     campaigns/series.py                    all that has no result yet; call it again to go on after a stop
-    campaigns/series.py kills damages      these alone: kills, damages, faults, long
+    campaigns/series.py kills damages      these alone: kills, damages, faults, steps, long
     campaigns/series.py --again failed     those that failed once more; --again all: every case
     campaigns/series.py table              write docs/series-tried.md from the results
 
@@ -28,6 +28,7 @@ import series_damages
 import series_faults
 import series_kills
 import series_long
+import series_steps
 from series_runs import SEED, Series
 from series_table import table
 
@@ -39,8 +40,10 @@ KINDS: dict[str, tuple[Callable[[Any, int], dict[str, Any]], str, int]] = {
     "kills": (series_kills.tried, "kills", KILLS),
     "damages": (series_damages.tried, "damages", DAMAGES),
     "faults": (series_faults.tried, "faults", FAULTS),
+    "steps": (series_steps.tried, "ways", len(series_steps.WAYS)),
     "long": (series_long.tried, "runs", len(series_long.LENGTHS)),
 }
+WITHOUT_A_SERIES = ("steps", "long")  # they make their own
 
 
 class Results:
@@ -75,7 +78,7 @@ class Results:
 def arguments(given: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="*", help="kills, damages, faults, long, table")
+    parser.add_argument("what", nargs="*", help="kills, damages, faults, steps, long, table")
     parser.add_argument("--again", choices=("failed", "all"), help="forget the results that there are")
     parser.add_argument("--count", type=int, help="kills, damages and so on of each kind, instead of all")
     parser.add_argument("--pairs", type=int, default=PAIRS, help=f"of the series ({PAIRS})")
@@ -94,11 +97,13 @@ def run(kinds: list[str], results: Results, folder: Path, options: argparse.Name
             print("faults: this process may not mount; left out")
             continue
         while results.count(kind, counted) < wanted:
-            if kind != "long":
+            if kind not in WITHOUT_A_SERIES:
                 series = series or Series.made(folder / "series", options.pairs)
             began = time.monotonic()
             number = next(n for n in itertools.count(options.first) if str(n) not in results.cases(kind))
-            case = tried(series or folder, number) | {"seconds": round(time.monotonic() - began, 1)}
+            case = tried(folder if kind in WITHOUT_A_SERIES else series, number) | {
+                "seconds": round(time.monotonic() - began, 1)
+            }
             results.cases(kind)[str(number)] = case
             results.save()
             print(f"{kind} {number}: {results.count(kind, counted)} of {wanted} {case['why'] or ''}", flush=True)

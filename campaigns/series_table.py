@@ -42,6 +42,14 @@ end with one line of error that names the file and exit code 2 (a signal: with 1
 the cause is gone, must keep every pair that was finished.
 
 """
+STEPS = """
+## Every step of the work on files
+
+A pretended series of 3 pairs, which writes fields without measuring any, is ended at each of its steps in turn: a file
+opened, moved, removed or locked, a folder made, data forced to disk. It is killed there; or the disk is full from there
+on; or full there alone. Into an empty folder, over results that it replaces, and over results with a damaged pair.
+
+"""
 LONG = """
 ## A thousand pairs
 
@@ -53,8 +61,7 @@ more, which finds all complete.
 
 """
 FOUND = """
-`make test-full` tries others of each kind with few pairs. Every step of the work on files of a pretended series, killed
-and failing, is in `tests/io/test_folder_steps.py`.
+`make test-full` tries others of each kind with few pairs, and a sample of the steps.
 
 ## What it found
 
@@ -69,14 +76,15 @@ and failing, is in `tests/io/test_folder_steps.py`.
 - Size and time of a frame's file were noted when its pair was finished, not when it was read: of frames that were moved
   away in between the manifest had none.
 
-All was recorded on one version of the sources.
+All was recorded on one version of the sources, but for the steps, which are of a later one.
 """
 
 
 def table(kinds: Mapping[str, Cases], seed: int) -> str:
     """The page's text."""
     parts = [HEAD, KILLS, _kills(kinds.get("kills", {})), DAMAGES, _damages(kinds.get("damages", {}))]
-    parts += [FAULTS, _faults(kinds.get("faults", {})), LONG, _long(kinds.get("long", {}))]
+    parts += [FAULTS, _faults(kinds.get("faults", {})), STEPS, _steps(kinds.get("steps", {}))]
+    parts += [LONG, _long(kinds.get("long", {}))]
     failed = [
         f"{kind} {number}: {case['why'][0]}" for kind in kinds for number, case in kinds[kind].items() if case["why"]
     ]
@@ -134,6 +142,12 @@ def _faults(cases: Cases) -> str:
         rows.append(f"| {what} | {case['after_s']} s | {case['kept']} | {case['said'] or '-'} |")
     good = f"\n{len(cases)} cases, {_good(cases)} as they should be.\n"
     return _rows("| what | after | pairs kept | what is said |", rows) + good
+
+
+def _steps(cases: Cases) -> str:
+    said = {"kill": "killed", "full": "the disk full from it on", "once": "the disk full at it alone"}
+    rows = [f"| {said[case['ways'][0]]} | {case['steps']} | {len(case['why'] or [])} |" for case in cases.values()]
+    return _rows("| at a step | steps | not as undisturbed afterwards |", rows)
 
 
 def _long(cases: Cases) -> str:

@@ -6,7 +6,7 @@ from white_images import camera_for, true_centres, white_image
 
 from plenopiv.calibration import find_lattice
 from plenopiv.calibration.verdict import centroid_words
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 
 SHAPE = (300, 340)
 
@@ -34,6 +34,20 @@ def test_particles_are_not_white():
 def test_too_dim(electrons):
     white = white_image(SHAPE, "hexagonal", 14.04, electrons=electrons)
     assert refused(white).startswith("w.tif: too dim: ")
+
+
+@pytest.mark.parametrize(("fill", "electrons"), [(1.0, 6000), (1.0, 1e5), (1.15, 6000), (1.15, 1e5)])
+def test_overexposed(fill, electrons):
+    white = white_image(SHAPE, "hexagonal", 14.04, fill=fill, electrons=electrons)
+    with pytest.warns(PlenoPIVWarning, match="are saturated"):
+        assert refused(white).startswith("w.tif: overexposed: ")
+
+
+def test_an_image_without_much_saturation_is_judged_by_what_it_shows():
+    white = white_image(SHAPE, "hexagonal", 14.04)
+    white[:60] = 4095
+    with pytest.warns(PlenoPIVWarning, match="are saturated"):
+        assert refused(white, "square").startswith("w.tif: another lattice: ")
 
 
 def test_too_distorted():

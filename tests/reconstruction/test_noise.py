@@ -51,3 +51,9 @@ def test_microlenses_that_differ_raise_it():
 
 def test_noise_of_a_pixel():
     np.testing.assert_allclose(Noise(3.0, 0.5).std(np.array([-7.0, 0.0, 32.0], np.float32)), [3.0, 3.0, 5.0])
+
+
+def test_noise_of_a_pixel_whose_static_light_is_estimated_below_the_black_level():
+    behind = np.array([[-40.0, -1.0, 32.0]], np.float32)
+    noise = Noise(3.0, 0.5, behind)
+    np.testing.assert_allclose(noise.std(np.array([[0.0, 32.0, 0.0]], np.float32)), [[3.0, 5.0, 5.0]])

@@ -4,7 +4,7 @@ white_image.py    find_lattice: a white image to a LatticeFit
 spectrum.py       kind, pitch, rotation and offset from the spectrum: the first estimate
 array_fit.py      where lenses are, as a function of their numbers
 cat_eyes.py       chief rays of micro-images that the main lens' rim clips
-verdict.py        not white, too dim, too distorted; centroids as a cross-check
+verdict.py        not white, too dim, overexposed, too distorted; centroids as a cross-check
 micro_images.py   the centre of every micro-image by a least-squares fit
 lattice_fit.py    LatticeFit; save_lattice and load_lattice
 dot_board.py      dots of a calibration board in an image, and which is which

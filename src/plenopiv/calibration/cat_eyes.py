@@ -223,7 +223,7 @@ def find_rim(image: NDArray, position: NDArray[np.complex128], disc: Disc) -> tu
             found.append(refined(image, few, disc, begun, SEARCH_STEPS))
     best = sorted(found, key=lambda each: each[1])[:CANDIDATES]
     (clipped, rim), left = min((refined(image, few, *each[0], FIT_STEPS) for each in best), key=lambda each: each[1])
-    if rim is None or left > CLEARER * without:
+    if rim is None or not left <= CLEARER * without < np.inf:
         return None
     (clipped, rim), left = refined(image, many, clipped, rim, FIT_STEPS)
     if rim is None or rim.cut_px(position, clipped).max() < LEAST_CUT_PX:
@@ -279,7 +279,8 @@ def _spread(position: NDArray[np.complex128], count: int) -> NDArray[np.complex1
 def refined(
     image: NDArray, position: NDArray[np.complex128], disc: Disc, rim: Rim | None, steps: int
 ) -> tuple[tuple[Disc, Rim | None], float]:
-    """Disc and rim by some steps of Gauss and Newton, and the squares left over those of the light, by the median lens.
+    """Disc and rim by some steps of Gauss and Newton, and the squares left over those of the light, by the median lens;
+    infinite where no micro-image has any light.
 
     Radii, blur, slip and its start are common; what is each micro-image's own is eliminated.
     """
@@ -293,6 +294,8 @@ def refined(
             own = _own(light)
             fit, squares = _solved(own, counts)
             gain = fit[:, 0]
+            if not (gain > 0).any():  # as of a rim begun where no light is
+                continue
             ratio = squares / np.maximum(gain, 1e-9) ** 2
             good = (gain > 0.3 * np.median(gain)) & (ratio < 3.0 * np.median(ratio[gain > 0]))
             ratios.append(ratio[gain > 0])
@@ -306,6 +309,8 @@ def refined(
             right += np.einsum("lpa,lp->a", slopes, rest, optimize=True)
             shift = (fit[:, 1] + 1j * fit[:, 2]) / np.where(gain > 1e-9, gain, np.inf)
             at[part] += shift * np.minimum(1.0, 0.5 / np.maximum(np.abs(shift), 0.5))
+        if not ratios:
+            return (disc, rim), np.inf
         left = float(np.mean(np.sort(np.concatenate(ratios))[: max(1, int(0.8 * position.size))]))
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
         step = np.linalg.solve(normal / np.outer(scale, scale) + 1e-6 * np.eye(free), right / scale) / scale

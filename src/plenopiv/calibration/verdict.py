@@ -1,4 +1,4 @@
-"""Why an image cannot serve as white image, by name: not white, too dim, too distorted; and centres cross-checked.
+"""Why an image cannot serve as white image: not white, too dim, overexposed, too distorted; and centres cross-checked.
 
 The fit of a model can be wrong with small residuals. Centroids know no model: where nothing clips micro-images, in the
 middle of the image, both must agree but for light that is uneven within a micro-image.
@@ -14,6 +14,7 @@ from plenopiv.sensor import Sensor
 
 LARGEST_GAIN, LARGEST_READ_NOISE = 20.0, 60.0  # counts to an electron, and counts: of a sensor
 DIM = 4.0  # light over noise below which a lattice that is not found was too dim
+OVEREXPOSED = 0.2  # share of saturated pixels above which that is the fault: discs have lost their rims
 LEAST_COUNTS = 5.0  # of lit pixels above the black level
 UNEVEN = 0.2  # of the light of neighbouring micro-images, by their median deviation: particles have more
 GRAINY, ALIKE = 0.25, 0.08  # noise over light; difference of the light of neighbouring cells of a white image
@@ -40,6 +41,17 @@ def no_lattice(image: NDArray, sensor: Sensor, stated_px: float, name: str) -> P
     return PlenoPIVError(
         f"{name}: not white: {found}: {WHITE} (not particles, not dark), and check camera.microlens_array.pitch_mm and "
         "camera.sensor.pixel_pitch_mm"
+    )
+
+
+def overexposed(saturated: float, name: str) -> PlenoPIVError | None:
+    """The error for an image of which this share of the pixels is ``saturated`` and in which something is wrong; None
+    where that is not the reason."""
+    if saturated <= OVEREXPOSED:
+        return None
+    return PlenoPIVError(
+        f"{name}: overexposed: {saturated:.0%} of the pixels are saturated, and its microlenses cannot be told: record "
+        "it with less light"
     )
 
 

@@ -50,7 +50,15 @@ def find_lattice(white: NDArray, camera: PlenopticCamera, name: str = "white ima
     particle image) and where the lattice contradicts the stated kind or pitch. Warns (``PlenoPIVWarning``) of
     saturation, and of regions of the sensor where the array departs from a regular lattice.
     """
-    _check_counts(white, camera, name)
+    saturated = _check_counts(white, camera, name)
+    try:
+        return _found(white, camera, name)
+    except PlenoPIVError as error:
+        raise verdict.overexposed(saturated, name) or error from None
+
+
+def _found(white: NDArray, camera: PlenopticCamera, name: str) -> LatticeFit:
+    """``find_lattice``, of counts that are the sensor's."""
     # In an upright image columns grow with -s: turned round, both axes grow with (s, t).
     image = _without_hot_pixels(np.asarray(white)[:, ::-1], camera.sensor.black_level)
     fit = ArrayFit.similar(*_first_estimate(image, camera, name))
@@ -144,8 +152,8 @@ def _without_hot_pixels(image: NDArray, black: float) -> NDArray:
     return out
 
 
-def _check_counts(white: NDArray, camera: PlenopticCamera, name: str) -> None:
-    """Shape, finite numbers, saturation."""
+def _check_counts(white: NDArray, camera: PlenopticCamera, name: str) -> float:
+    """Shape and finite numbers; the share of saturated pixels."""
     sensor = camera.sensor
     if white.shape != (sensor.rows, sensor.columns):
         size = " x ".join(str(n) for n in white.shape[::-1])
@@ -163,6 +171,7 @@ def _check_counts(white: NDArray, camera: PlenopticCamera, name: str) -> None:
             PlenoPIVWarning,
             stacklevel=3,
         )
+    return saturated
 
 
 def _first_estimate(image: NDArray, camera: PlenopticCamera, name: str) -> tuple[complex, complex]:

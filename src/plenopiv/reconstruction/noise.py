@@ -32,7 +32,7 @@ class Noise:
         """Standard deviation (counts) of pixels of ``counts`` above the black level."""
         light = np.maximum(counts, 0)
         if self.background is not None:
-            light = light + self.background
+            light = light + np.maximum(self.background, 0)  # an estimate: below the black level is no light
         return np.sqrt(np.float32(self.counts_per_electron) * light + np.float32(self.dark**2))
 
     def floor(self, least: float) -> float | NDArray[np.float32]:
