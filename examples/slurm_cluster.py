@@ -3,7 +3,7 @@
     python examples/slurm_cluster.py [FOLDER] --jobs 4 --cores 8 --memory 32GB --walltime 02:00:00
     python examples/slurm_cluster.py [FOLDER] --show
 
-FOLDER (examples/ring by default, which examples/vortex_ring.py makes) holds an experiment.toml and lies, as this
+FOLDER ("ring" by default, which examples/vortex_ring.py makes) holds an experiment.toml and lies, as this
 Python does, where all nodes see it. Run it on a node that may submit jobs and may stay up; jobs may come and go while
 it runs, and when it is stopped the same command goes on. With --show the job script is printed and nothing submitted.
 Needs pip install "plenopiv[cluster]".
@@ -44,7 +44,7 @@ def cluster(cores, memory, walltime, queue=None, account=None):
 def main():
     """Ask for jobs, measure, and say where the report is."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("folder", nargs="?", type=Path, default=Path(__file__).parent / "ring")
+    options.add_argument("folder", nargs="?", type=Path, default=Path("ring"))
     options.add_argument("--jobs", type=int, default=4)
     options.add_argument("--cores", type=int, default=8)
     options.add_argument("--memory", default="32GB", help="of a job; plenopiv info says what a run takes")

@@ -26,7 +26,7 @@ print(f"recording      {len(recording)} frames, {white.shape} (rows, columns), {
 
 fit = find_lattice(white, experiment.camera())
 camera = experiment.camera().with_lattice(fit.lattice)
-print(f"calibration    {fit.microlenses} microlenses, {fit.residual_px:.3f} px off a regular lattice (RMS)")
+print(f"calibration    {fit.microlenses} microlenses, {fit.residual_px:.3f} px off the fitted lattice (RMS)")
 
 where = layout(camera)  # which pixel is which view's of which microlens; nothing is interpolated
 field = decode(frames[0], where)

@@ -170,7 +170,7 @@ def page(record: dict) -> None:
                 )
     lines += [
         "",
-        "| case | found in both | linked % | wrong % | chi² | CPU ms a particle |",
+        "| case | found in both | linked % | wrong % | chi² | CPU ms a particle, first frame |",
         "|---|---:|---:|---:|---:|---:|",
     ]
     for case in CASES:
