@@ -7,7 +7,7 @@ nothing by itself: where its default does, a decision says so.
 
     benchmarks/fresh.py                   list all of them; exit code 1 where one is stale
     benchmarks/fresh.py --again           make stale ones anew, one after the other; call it again to go on after a stop
-    benchmarks/fresh.py ensemble --again  this one, stale or not
+    benchmarks/fresh.py ensemble --again  this one, stale or not (of a table in parts, see below, the parts that are)
     benchmarks/fresh.py --pages           write into the pages which of their tables are stale, and docs/fresh.md
 
 TABLE: a table's name, or a part of it. Tables are recorded here alone: a script that is run by itself leaves its table
