@@ -14,6 +14,7 @@ compared bit by bit: ``sha256`` is of all numbers of tracks.nc and velocity.nc.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import sys
 import tempfile
@@ -160,6 +161,7 @@ def _judged(folder: Path, experiment: Experiment, tracks: xarray.Dataset) -> dic
 
 def page(record: dict) -> None:
     """Write the tables into docs/tracking.md."""
+    made = {name: case.get("made_with") for name, case in json.loads(RECORD.read_text()).items()}
     lines = [
         f"| sensor | particles | threads | {' | '.join(STAGES)} | tracking together | ms a particle | GB |",
         f"|---|---:|---:|{'---:|' * (len(STAGES) + 3)}",
@@ -177,8 +179,10 @@ def page(record: dict) -> None:
     lines += ["", "| sensor | depth | n | found % | ghosts % | RMS x / y / z | linked % | wrong % | same bits |"]
     lines.append("|---|---|---:|---:|---:|---:|---:|---:|---|")
     for part in PARTS:
-        runs = [own for name, own in record.items() if name.rsplit(", ", 1)[0] == part]
-        same = "" if len(runs) < 2 else "yes" if len({own["sha256"] for own in runs}) == 1 else "no"
+        of_part = [name for name in record if name.rsplit(", ", 1)[0] == part]
+        runs = [record[name] for name in of_part]
+        by_one_program = len(runs) > 1 and len({made.get(name) for name in of_part}) == 1
+        same = "" if not by_one_program else "yes" if len({own["sha256"] for own in runs}) == 1 else "no"
         for band, one in (runs[0]["judged"] if runs else {}).items():
             shares = [f"{100 * one[key]:.1f}" for key in ("found", "ghosts")]
             links = [f"{100 * one[key]:.2f}" for key in ("linked", "wrong")]
