@@ -1,5 +1,7 @@
 """The files of a sequence's frames: which of those that lie there a run goes on with."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from plenopiv.io.series_folder import SeriesFolder
@@ -50,5 +52,5 @@ class AllLost(SequenceJob):
 
 
 def test_what_is_warned_of_in_the_first_frame_is_told_with_its_pair():
-    made = AllLost(None, None, None, None, Clock(), None).records([0, 1])
+    made = AllLost(None, None, None, SimpleNamespace(finished={}), Clock(), None).records([0, 1])
     assert [one.warnings for one in made] == [["frame 0 is dark", "frame 1 is dark"], ["frame 2 is dark"]]

@@ -12,9 +12,12 @@ from particle_scenes import nearest
 from uniform_recording import VELOCITY_M_S, simulated
 
 from plenopiv.cli import main
+from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
+from plenopiv.run import track_pair
 from plenopiv.run.space import space_of
 from plenopiv.run.track import track
+from plenopiv.run.track_field import velocity_of_tracks
 
 pytestmark = pytest.mark.full  # a recording is simulated, reconstructed, tracked and linked
 
@@ -191,8 +194,16 @@ def test_a_recording_that_is_unusable_is_not_tracked_unasked(recording, tmp_path
             assert made.attrs["quality"] == "forced"
 
 
-def test_a_pair_of_a_series_that_is_unusable_is_set_aside(recording, tmp_path, capsys):
+def test_a_pair_of_a_series_that_is_unusable_is_set_aside(recording, tmp_path, capsys, monkeypatch):
+    """So is one whose links make no field, but its tracks are there."""
     folder, _ = recording
+
+    def failing(tracks, chain, table, dt_s, time_s, stage):
+        if time_s == 3.5 * dt_s:
+            raise PlenoPIVError("too few")
+        return velocity_of_tracks(tracks, chain, table, dt_s, time_s, stage)
+
+    monkeypatch.setattr(track_pair, "velocity_of_tracks", failing)
     frames = []
     for name, of in zip("ABCDE", "abbab", strict=True):
         (folder / name).mkdir()
@@ -202,6 +213,15 @@ def test_a_pair_of_a_series_that_is_unusable_is_set_aside(recording, tmp_path, c
     assert main(["track", str(path)]) == 3
     assert "are one image" in capsys.readouterr().err
     summary = json.loads((tmp_path / "out" / "tracking" / "summary.json").read_text())
-    assert [aside["pair"] for aside in summary["set_aside"]] == [1]
+    assert [aside["pair"] for aside in summary["set_aside"]] == [1, 3]
+    assert summary["set_aside"][1]["reason"] == "no field of its tracks: too few"
     assert summary["quality"] == "doubtful"
     assert list(summary["particles"]) == frames
+    made = xarray.load_dataset(tmp_path / "out" / "tracks.nc")
+    assert (made.track_id.values[made.frame.values == 4] >= 0).mean() > 0.9
+    assert np.isnan(xarray.load_dataset(tmp_path / "out" / "tracking" / "velocity.nc").u[[1, 3]]).all()
+    tracks = tmp_path / "out" / "tracks.nc"
+    whole = tracks.read_bytes()
+    tracks.unlink()
+    assert main(["track", str(path)]) == 3
+    assert tracks.read_bytes() == whole

@@ -1,6 +1,7 @@
 """plenopiv track with tracking.method = "multi-frame" on a small simulated sequence of a curved flow."""
 
 import json
+import re
 import shutil
 
 import numpy as np
@@ -15,7 +16,9 @@ from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.lattice import Lattice
+from plenopiv.run import track_smooth
 from plenopiv.run.track import track
+from plenopiv.run.track_field import velocity_of_tracks
 from plenopiv.run.track_sequence import BEGUN
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.flows import flow
@@ -115,6 +118,8 @@ def test_names_and_units_of_the_file(sequence):
     assert [tracks[name].attrs["units"] for name in ("x", "u", "ax", "az_std")] == ["mm", "m s-1", "m s-2", "m s-2"]
     assert tracks.covariance.shape[1:] == (6, 6)
     assert len(tracks.attrs["jerk_m_s3"]) == 3
+    assert tracks.time.attrs["units"] == "s"
+    assert tracks.time.values == pytest.approx(tracks.frame.values * DT_S)
     assert tracks.attrs["frame"] == "camera"
     once = np.unique(np.stack([tracks.frame.values, tracks.track_id.values])[:, tracks.track_id.values >= 0], axis=1)
     assert once.shape[1] == (tracks.track_id.values >= 0).sum()
@@ -150,11 +155,17 @@ def test_later_frames_are_not_reconstructed(sequence, tmp_path):
     track(Experiment.load(path), lambda stage, done, total: stages.append(stage))
     made = {stage for stage in stages if stage.startswith("reconstruction")}
     assert made == {f"reconstruction of frame-{k:03d}.tif" for k in range(BEGUN)}
-    assert xarray.load_dataset(tmp_path / "out" / "tracks.nc").equals(tracks)
+    written = tmp_path / "out" / "tracks.nc"
+    assert xarray.load_dataset(written).equals(tracks)
+    whole = written.read_bytes()
+    written.unlink()
+    track(Experiment.load(path))
+    assert written.read_bytes() == whole
 
 
-def test_a_jump_in_time_is_said_and_tracked_anew(sequence, tmp_path):
-    """The last two frames show other particles: the first of them is reconstructed, and so is no other."""
+def test_a_jump_in_time_is_said_and_tracked_anew(sequence, tmp_path, monkeypatch):
+    """The last two frames show other particles: the first of them is reconstructed, and so is no other. The run is
+    ended in the last frame and goes on: what was said before is in the summary. A pair without a field is set aside."""
     folder, _, _ = sequence
     names = [f"frame-{k:03d}.tif" for k in range(6)]
     simulate_sequence(
@@ -167,8 +178,28 @@ def test_a_jump_in_time_is_said_and_tracked_anew(sequence, tmp_path):
     path = with_keys(
         folder, "jump.toml", tmp_path / "out", tracking={"method": "multi-frame"}, recording={"frames": names}
     )
-    with pytest.warns(match="other-0.tif: .* it is reconstructed, and tracked anew"):
-        track(Experiment.load(path))
+
+    def killed(stage, done, total):
+        if stage == "particles of other-1.tif":
+            raise KeyboardInterrupt
+
+    def failing(tracks, chain, table, dt_s, time_s, stage):
+        if time_s == 2.5 * dt_s:
+            raise PlenoPIVError("too few")
+        return velocity_of_tracks(tracks, chain, table, dt_s, time_s, stage)
+
+    anew = "other-0.tif: .* it is reconstructed, and tracked anew"
+    with pytest.warns(match=anew), pytest.raises(KeyboardInterrupt):
+        track(Experiment.load(path), killed)
+    monkeypatch.setattr(track_smooth, "velocity_of_tracks", failing)
+    with pytest.warns(match="pair 2: no field of its tracks: too few"):
+        summary = track(Experiment.load(path)).summary
+    assert any(re.search(anew, line) for line in summary["warnings"])
+    without = {each["pair"]: each["reason"] for each in summary["set_aside"]}
+    assert without.keys() == {2, 5}
+    assert without[2] == "no field of its tracks: too few"
+    assert without[5].endswith("are frames and max_displacement_mm right?")
+    assert summary["quality"] == "doubtful"
     tracks = xarray.load_dataset(tmp_path / "out" / "tracks.nc")
     ids, frame = tracks.track_id.values, tracks.frame.values
     before, after = (set(ids[(frame == k) & (ids >= 0)]) for k in (5, 6))

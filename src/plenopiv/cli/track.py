@@ -24,7 +24,7 @@ def track(file: Path, overwrite: bool, where: Where = (None, None, None, None), 
         result = track_all(experiment, progress, overwrite, workers, force)
     summary = result.summary
     counts, pairs, aside = list(summary["particles"].values()), summary["pairs"], summary["set_aside"]
-    std = ", ".join(f"{1e3 * each:.2g}" for each in summary["median_std_mm"])
+    std = ", ".join(f"{1e3 * each:.2g}" for each in summary["median_std_mm"] or ())
     lines = [
         not_in_images(summary["not_in_images"]),
         *set_aside(aside, pairs),

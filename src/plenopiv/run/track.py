@@ -134,7 +134,8 @@ def track(
             folder.discard()
             summary = json.loads((folder.directory / "summary.json").read_text(encoding="utf-8"))
             if not is_whole(path, summary["tracks_sha256"]):
-                write_tracks(path, _tracks(folder, recording, chain, _smooth(folder, recording, table)))
+                smooth = _smooth(folder, recording, table)
+                write_tracks(path, _tracks(folder, recording, chain, smooth, summary["quality"]))
             return TrackResult(path, folder.directory / "velocity.nc", summary)
         tracker = FrameTracker(chain, recording, table.wavelength_nm)
         _tell_memory(tracker, pool)
@@ -166,7 +167,10 @@ def track(
                 log.info("%d of %d pairs are finished and kept; the same command goes on from there", done, count)
             raise
         said = [str(one.message) for one in caught]
-        summary = _put_together(folder, recording, chain, table, judgement, path, said, clock, inputs, report)
+        told = Told(judgement.findings, said)  # pairs that an earlier run finished have their warnings in their records
+        for _, stored in sorted(folder.finished.items()):
+            told.add(stored)
+        summary = _put_together(folder, recording, chain, table, judgement, path, told.said, clock, inputs, report)
     return TrackResult(path, path.parent / FOLDER / "velocity.nc", summary)
 
 
@@ -205,20 +209,22 @@ def _put_together(
         PlenoPIVError: no pair could be tracked, or a file cannot be written.
     """
     records = [folder.finished[number] for number in range(len(recording.pairs))]
-    tracked = [record for record in records if record["set_aside"] is None]
-    if not tracked:
+    good = [record for record in records if record["set_aside"] is None]
+    tracked = [record for record in records if "particles" in record["numbers"]]
+    if not good:
         folder.discard()
         raise PlenoPIVError(f"no pair can be tracked: {records[0]['set_aside']}")
-    files, fields = ["summary.json"], {}
+    files, fields = ["summary.json"], dict[int, Path]()
     with clock("links and field"):
         smooth = _smooth(folder, recording, table)
     if smooth is not None:
         with clock("links and field"):
-            quality = {record["pair"]: judgement.pairs.quality(record["findings"]) for record in tracked}
-            fields = smooth.write_fields(quality, folder, chain, table, report)
+            quality = {record["pair"]: judgement.pairs.quality(record["findings"]) for record in good}
+            fields, without = smooth.write_fields(quality, folder, chain, table, report)
+            records = [record | {"set_aside": without.get(record["pair"], record["set_aside"])} for record in records]
             files += [pair_file(number) for number in fields]
     elif len(records) > 1:
-        fields = {record["pair"]: folder.there(pair_file(record["pair"])) for record in tracked}
+        fields = {record["pair"]: folder.there(pair_file(record["pair"])) for record in good}
     said_of_all = judgement.summary(records)
     if len(records) > 1:
         like = read_velocity(next(iter(fields.values())))
@@ -229,21 +235,21 @@ def _put_together(
         largest(read_velocity(each), chain.grid.voxel_mm, recording.dt_s)
         for each in fields.values() or [folder.there("velocity.nc")]
     ]
-    tracks = _tracks(folder, recording, chain, smooth)
-    tracks.attrs["quality"] = said_of_all["quality"]
+    tracks = _tracks(folder, recording, chain, smooth, said_of_all["quality"])
     staged = folder.directory / f".{FILE}.part"  # the old ones stay until all else is there
     write_tracks(staged, tracks)
     names = recording.names
     particles = {
         names[k]: n for r in tracked for k, n in zip(recording.pairs[r["pair"]], r["numbers"]["particles"], strict=True)
     }
+    std = [r["numbers"]["median_std_mm"] for r in tracked if "median_std_mm" in r["numbers"]]
     summary = {
         "not_in_images": not_in_images(moved, recording),
         "pairs": len(records),
         **said_of_all,
         "particles": particles,
         "linked": [r["numbers"].get("linked", 0) for r in records],
-        "median_std_mm": np.median([r["numbers"]["median_std_mm"] for r in tracked], 0).tolist(),
+        "median_std_mm": np.median(std, 0).tolist() if std else None,
         "frame": chain.frame,
         "warnings": list(dict.fromkeys(said)),
         "versions": versions(),
@@ -264,18 +270,24 @@ def _smooth(folder: SeriesFolder, recording: Recording, table: TrackingTable) ->
     return SmoothSequence.of(folder, recording) if table.method == METHOD else None
 
 
-def _tracks(folder: SeriesFolder, recording: Recording, chain: Chain, smooth: SmoothSequence | None) -> xarray.Dataset:
-    """The tracks of all pairs' files, or those that are ``smooth``."""
+def _tracks(
+    folder: SeriesFolder, recording: Recording, chain: Chain, smooth: SmoothSequence | None, quality: str
+) -> xarray.Dataset:
+    """The tracks of all pairs' files, or those that are ``smooth``; ``quality``: of all pairs together."""
     if smooth is not None:
         tracks = own_tracks(smooth.dataset(), chain.grid)
         tracks.attrs["frame"] = chain.frame
     else:
-        tracked = [number for number, record in sorted(folder.finished.items()) if record["set_aside"] is None]
-        tracks = joined([read_tracks(folder.there(tracks_file(number))) for number in tracked])
+        files = [tracks_file(k) for k, record in sorted(folder.finished.items()) if tracks_file(k) in record["files"]]
+        tracks = joined([read_tracks(folder.there(name)) for name in files])
+    if recording.is_sequence:  # the time between pairs of pulses is not known
+        said = {"units": "s", "long_name": "time of the frame, from the first frame of the recording"}
+        tracks["time"] = "obs", tracks["frame"].values * recording.dt_s, said
     numbers = np.unique(tracks["frame"].values).tolist()
     tracks.attrs |= {
         "Conventions": "CF-1.11",
         "title": "Particles and their tracks",
+        "quality": quality,
         "frames": [f"{k}: {recording.names[k]}" for k in numbers],
     }
     return tracks

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ from plenopiv.tracking.tracks import tracks_dataset
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 SCATTER_VOXELS = 0.7  # first guess of how far correlation is from a particle's displacement
+NO_FIELD = "no field of its tracks"
 FARTHER = 3.0  # times the largest displacement of the correlation is the largest of a particle
 
 Array = NDArray[np.float64]
@@ -126,8 +128,6 @@ class TrackJob:
             if moved is None:
                 moved = chain.displacement(before.volume, after.volume, report)
             links = linked(first, second, moved, chain.grid, self.table)
-            stage, time_s = partial(report, "field of the tracks"), recording.mid_time_s(number)
-            velocity = velocity_of_tracks(of_links(first, second, links), chain, self.table, dt_s, time_s, stage)
         if record.set_aside is not None:
             return record
         tracks = tracks_dataset(
@@ -136,22 +136,34 @@ class TrackJob:
         tracks = own_tracks(tracks, chain.grid)
         said = {"source": self.source, "quality": self.judge.quality(record.findings)}
         tracks.attrs |= {"dt_s": dt_s, "frame": chain.frame} | said
-        velocity.attrs |= said
-        name, field = tracks_file(number), "velocity.nc" if only else pair_file(number)
-        write_tracks(path_in(self.folder, name, self.while_there), tracks)
-        write_velocity(path_in(self.folder, field, self.while_there), velocity)
-        record.files += [name, field]
         here, there = (own(each.position_mm, chain.grid) for each in (first, second))
-        std = np.sqrt(np.median(np.einsum("nii->ni", first.covariance[here]), 0))[:3]
-        record.numbers = {
+        record.numbers = median_std(first.covariance[here]) | {
             "particles": [int(here.sum()), int(there.sum())],
             "linked": int(here[links.a].sum()),
             "left_by_correlation_mm": links.scatter_mm.tolist(),
-            "median_std_mm": std.tolist(),
-            "measured": int(velocity.valid.sum()),
-            "vectors": int(velocity.valid.size),
         }
+        stage, time_s = partial(report, "field of the tracks"), recording.mid_time_s(number)
+        with record.measuring(only):
+            velocity = velocity_of_tracks(of_links(first, second, links), chain, self.table, dt_s, time_s, stage)
+        name, field = tracks_file(number), "velocity.nc" if only else pair_file(number)
+        write_tracks(path_in(self.folder, name, self.while_there), tracks)
+        record.files.append(name)
+        if record.set_aside is not None:  # its tracks are there all the same
+            record.set_aside = f"{NO_FIELD}: {record.set_aside}"
+            return record
+        velocity.attrs |= said
+        write_velocity(path_in(self.folder, field, self.while_there), velocity)
+        record.files.append(field)
+        record.numbers |= {"measured": int(velocity.valid.sum()), "vectors": int(velocity.valid.size)}
         return record
+
+
+def median_std(covariance: Array) -> dict[str, Any]:
+    """The median standard deviations of particles of ``covariance`` (n, 4, 4) for a record; nothing where there are
+    none."""
+    if not len(covariance):
+        return {}
+    return {"median_std_mm": np.sqrt(np.median(np.einsum("nii->ni", covariance), 0))[:3].tolist()}
 
 
 def tracks_file(number: int) -> str:

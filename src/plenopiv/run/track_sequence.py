@@ -8,6 +8,7 @@ a frame needs of earlier ones, positions, tracks and noise, is in their files.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from pathlib import Path
@@ -26,7 +27,7 @@ from plenopiv.run.judged import Judged, PairJudge
 from plenopiv.run.log import Clock
 from plenopiv.run.pair import PairRecord
 from plenopiv.run.track_frame import FrameTracker, ImageOfFrame, PredictedFrame, TrackedFrame, own
-from plenopiv.run.track_pair import linked
+from plenopiv.run.track_pair import linked, median_std
 from plenopiv.tracking.follow import FEWEST, followed
 from plenopiv.tracking.frame import FrameParticles
 from plenopiv.tracking.predict import FRAMES, LOST, predicted
@@ -73,15 +74,22 @@ class SequenceJob:
     clock: Clock
     report: Progress
     past: list[KeptFrame] = field(default_factory=list)  # the last frames
+    unused: int = 0  # the least number that no track has
     volume: tuple[int, SparseVolume] | None = None  # the last frame's number and volume, if it was reconstructed
     shown: dict[int, Judged] = field(default_factory=dict)  # the last frames, by number, as they are judged
 
     @property
     def left(self) -> list[int]:
-        """The pairs that are still to be made: the first that is missing, and all after it."""
-        count = len(self.tracker.recording.pairs)
-        finished = next((k for k in range(count) if k not in self.folder.finished), count)
-        return list(range(finished, count))
+        """The pairs that are still to be made: the first that is missing, or was made after other frames than there are
+        now, as where a run that made earlier ones anew was ended; and all after it."""
+        count, finished = len(self.tracker.recording.pairs), self.folder.finished
+        for number in range(count):
+            if number not in finished:
+                return list(range(number, count))
+            after = last_kept(self.folder, number)
+            if number and finished[number]["numbers"].get("after", after) != after:
+                return list(range(number, count))
+        return []
 
     def records(self, numbers: Sequence[int]) -> Iterator[PairRecord]:
         """The records of the pairs ``numbers``, each the one after the other, the frames' files written.
@@ -102,6 +110,7 @@ class SequenceJob:
                 before = self._frame(numbers[0], PairRecord(0, []))[0]  # it was lost, and says why once more
         for number in numbers:
             record = PairRecord(number, [before.entry if isinstance(before, LostFrame) else before])
+            record.numbers["after"] = last_kept(self.folder, number) if number else None
             after, more, told, count = self._frame(number + 1, record)
             record.frames.append(after.entry if isinstance(after, LostFrame) else after)
             record.files, record.warnings = [*files, *more], [*said, *told]
@@ -120,6 +129,8 @@ class SequenceJob:
         """Read the frames before ``number`` and itself, as far as the next one needs them."""
         kept = frames_kept(self.folder, range(max(number - FRAMES, 0), number + 1))
         self.past += [read_frame(path, k) for k, path in kept.items()]
+        if (last := last_kept(self.folder, number)) is not None:
+            self.unused = read_frame(self.folder.there(last[0]), number).unused
         if number in kept:
             recording = self.tracker.recording
             self.shown[number] = ImageOfFrame(recording.frames[number].name, recording.light(number)[0])
@@ -142,8 +153,8 @@ class SequenceJob:
                 return taken, [], [*said, *taken.warned], 0
             found, tracks = taken, self._linked(taken, record)
             self.volume, dark = (number, taken.volume), taken.dark
-        unused = max([int(tracks.max(initial=-1)) + 1, *(one.unused for one in self.past[-1:])])
-        kept = KeptFrame(SeenFrame(number, found.particles, tracks), dark, unused)
+        self.unused = max(int(tracks.max(initial=-1)) + 1, self.unused)
+        kept = KeptFrame(SeenFrame(number, found.particles, tracks), dark, self.unused)
         before = next((one.seen.track for one in self.past if one.seen.number == number - 1), np.empty(0))
         self.past = [*self.past[1 - FRAMES :], kept]
         self.shown = {k: each for k, each in self.shown.items() if k == number - 1} | {number: found.shown}
@@ -160,14 +171,14 @@ class SequenceJob:
             return None, []
         name = self.tracker.recording.frames[number].name
         by = predicted(seen, number, self.tracker.limits(self.tracker.chain.grid))
-        try:
+        there, follows = 0, None
+        with suppress(PlenoPIVError):  # reconstruction says what is wrong with the frame
             found = self.tracker.predicted(number, by, self.past[-1].dark, self.report)
-        except PlenoPIVError:
-            return None, []  # reconstruction says what is wrong with the frame
-        follows = followed(found.particles, found.origin, by, self.past[-1].unused)
-        if follows.kept < FEWEST * by.active.sum():
+            follows = followed(found.particles, found.origin, by, self.unused)
+            there = follows.kept
+        if follows is None or there < FEWEST * by.active.sum():
             said = (
-                f"{name}: {follows.kept} of {int(by.active.sum())} particles are where the frames before let expect "
+                f"{name}: {there} of {int(by.active.sum())} particles are where the frames before let expect "
                 "them; it is reconstructed, and tracked anew"
             )
             return None, [said]
@@ -176,8 +187,7 @@ class SequenceJob:
 
     def _linked(self, taken: TrackedFrame, record: PairRecord) -> Int:
         """The tracks of a reconstructed frame's particles: those that correlation links to the frame before."""
-        unused = self.past[-1].unused if self.past else 0
-        tracks = unused + np.arange(len(taken.particles.light))
+        tracks = self.unused + np.arange(len(taken.particles.light))
         before = self.past[-1].seen if self.past and self.past[-1].seen.number == taken.number - 1 else None
         if before is None:
             return tracks
@@ -197,17 +207,23 @@ class SequenceJob:
         """What the record of a pair says of its frames."""
         first, second = (one.seen.particles for one in self.past[-2:])
         here, there = (own(each.position_mm, self.tracker.chain.grid) for each in (first, second))
-        std = np.sqrt(np.median(np.einsum("nii->ni", second.covariance[there]), 0))[:3]
-        return {
-            "particles": [int(here.sum()), int(there.sum())],
-            "linked": linked,
-            "median_std_mm": std.tolist(),
-        }
+        numbers = {"particles": [int(here.sum()), int(there.sum())], "linked": linked}
+        return numbers | median_std(second.covariance[there])
 
 
 def frame_file(number: int) -> str:
     """Name of the file of a frame's particles, from 0, in the folder of the tracking."""
     return f"pairs/particles-{number:04d}.npz"
+
+
+def last_kept(folder: SeriesFolder, number: int) -> list[str] | None:
+    """File and hash of the last frame up to ``number`` whose particles are kept; None where none is. Pairs from there
+    on follow from it."""
+    files = {name: hashed for record in folder.finished.values() for name, hashed in record["files"].items()}
+    for k in range(number, -1, -1):
+        if (name := frame_file(k)) in files:
+            return [name, files[name]]
+    return None
 
 
 def frames_kept(folder: SeriesFolder, numbers: Sequence[int]) -> dict[int, Path]:

@@ -18,6 +18,7 @@ from plenopiv.io.series_folder import SeriesFolder
 from plenopiv.recording import Recording
 from plenopiv.run.frame import Progress
 from plenopiv.run.track_field import velocity_of_tracks
+from plenopiv.run.track_pair import NO_FIELD
 from plenopiv.run.track_sequence import frames_kept, read_frame
 from plenopiv.run.versions import versions
 from plenopiv.tracking.sightings import SeenFrame
@@ -63,26 +64,26 @@ class SmoothSequence:
 
     def write_fields(
         self, pairs: Mapping[int, str], folder: SeriesFolder, chain: Chain, table: TrackingTable, report: Progress
-    ) -> dict[int, Path]:
+    ) -> tuple[dict[int, Path], dict[int, str]]:
         """Write the field of each of the ``pairs``, whose quality is given, from the tracks half way between its
-        frames; the files.
+        frames; the files, and why other pairs have none.
 
         Raises:
             PlenoPIVError: a file cannot be written, or there are too few tracks between all frames.
         """
-        out, why = dict[int, Path](), None
+        out, without, why = dict[int, Path](), dict[int, str](), None
         for number, quality in pairs.items():
             tracks, time_s = between(self.found, number), self.recording.mid_time_s(number)
             stage = partial(report, f"field {number + 1} of the tracks")
             try:
                 velocity = velocity_of_tracks(tracks, chain, table, self.recording.dt_s, time_s, stage)
             except PlenoPIVError as error:
-                why = error
-                warnings.warn(f"pair {number}: no field of its tracks: {error}", PlenoPIVWarning, stacklevel=2)
+                why, without[number] = error, f"{NO_FIELD}: {error}"
+                warnings.warn(f"pair {number}: {NO_FIELD}: {error}", PlenoPIVWarning, stacklevel=2)
                 continue
             velocity.attrs |= {"source": source(), "quality": quality}
             out[number] = folder.path(pair_file(number))
             write_velocity(out[number], velocity)
         if not out and why is not None:
             raise why
-        return out
+        return out, without
