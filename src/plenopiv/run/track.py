@@ -154,6 +154,8 @@ def track(
         if len(left) > 1:
             report("pairs", 0, len(left))
         told = Told(judgement.findings, [str(one.message) for one in caught])
+        for _, stored in sorted(folder.finished.items()):  # an earlier run has said so
+            told.add(stored)
         try:
             for done, record in enumerate(records, 1):
                 kept = folder.store(record.content(), record.files)
@@ -166,11 +168,8 @@ def track(
                 done = len(folder.finished)
                 log.info("%d of %d pairs are finished and kept; the same command goes on from there", done, count)
             raise
-        said = [str(one.message) for one in caught]
-        told = Told(judgement.findings, said)  # pairs that an earlier run finished have their warnings in their records
-        for _, stored in sorted(folder.finished.items()):
-            told.add(stored)
-        summary = _put_together(folder, recording, chain, table, judgement, path, told.said, clock, inputs, report)
+        said = [*told.said, *(str(one.message) for one in caught)]
+        summary = _put_together(folder, recording, chain, table, judgement, path, said, clock, inputs, report)
     return TrackResult(path, path.parent / FOLDER / "velocity.nc", summary)
 
 
