@@ -97,13 +97,12 @@ def run(kinds: list[str], results: Results, folder: Path, options: argparse.Name
             print("faults: this process may not mount; left out")
             continue
         while results.count(kind, counted) < wanted:
+            given: Any = folder
             if kind not in WITHOUT_A_SERIES:
-                series = series or Series.made(folder / "series", options.pairs)
+                given = series = series or Series.made(folder / "series", options.pairs)
             began = time.monotonic()
             number = next(n for n in itertools.count(options.first) if str(n) not in results.cases(kind))
-            case = tried(folder if kind in WITHOUT_A_SERIES else series, number) | {
-                "seconds": round(time.monotonic() - began, 1)
-            }
+            case = tried(given, number) | {"seconds": round(time.monotonic() - began, 1)}
             results.cases(kind)[str(number)] = case
             results.save()
             print(f"{kind} {number}: {results.count(kind, counted)} of {wanted} {case['why'] or ''}", flush=True)

@@ -69,6 +69,7 @@ def test_the_recorded_campaign_is_whole_and_its_page_is_written():
     for kind, (_, counted, wanted) in series.KINDS.items():
         assert results.count(kind, counted) >= wanted
         assert results.failed(kind) == []
+    assert all(case["steps"] > 150 for case in results.cases("steps").values())
     assert series.PAGE.read_text() == table(results.kinds, series.SEED)
 
 

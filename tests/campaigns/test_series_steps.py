@@ -29,4 +29,4 @@ def test_what_a_run_leaves_behind_is_noticed(tmp_path, monkeypatch):
 def test_ended_at_a_sample_of_the_steps(tmp_path, number):
     found = series_steps.tried(tmp_path, number, stride=11)
     assert found["why"] is None
-    assert found["steps"] > 15
+    assert found["steps"] > 30

@@ -142,7 +142,8 @@ def track(
         records: Iterator[PairRecord]
         if table.method == METHOD:
             job = SequenceJob(tracker, table, judgement.pairs, folder, clock, report)
-            left, records = job.left, job.records(job.left)
+            left = job.left
+            records = job.records(left)
         else:
             anew = replace(tracker)  # without what it has computed
             pairs = TrackJob(anew, table, judgement.pairs, folder.work, source())

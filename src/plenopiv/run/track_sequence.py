@@ -219,10 +219,10 @@ def frame_file(number: int) -> str:
 def last_kept(folder: SeriesFolder, number: int) -> list[str] | None:
     """File and hash of the last frame up to ``number`` whose particles are kept; None where none is. Pairs from there
     on follow from it."""
-    files = {name: hashed for record in folder.finished.values() for name, hashed in record["files"].items()}
     for k in range(number, -1, -1):
-        if (name := frame_file(k)) in files:
-            return [name, files[name]]
+        record = folder.finished.get(max(k - 1, 0))  # of the pair that it came with
+        if record is not None and (name := frame_file(k)) in record["files"]:
+            return [name, record["files"][name]]
     return None
 
 
