@@ -164,7 +164,8 @@ def velocity_gradient(field: xr.Dataset) -> NDArray[np.float64]:
     """Velocity gradient G[i, j] = du_i / dx_j in 1/s, (3, 3, nz, ny, nx), i and j in the order x, y, z.
 
     ``field``: u, v, w in m/s on (z, y, x), evenly or unevenly spaced coordinates in mm. Central differences, second
-    order at the faces too where an axis has three points; NaN vectors make their neighbours' derivatives NaN.
+    order at the faces too where an axis has three points; NaN vectors make their neighbours' derivatives NaN, and have
+    none themselves.
 
     Raises:
         PlenoPIVError: an axis with a single vector.
@@ -182,6 +183,7 @@ def velocity_gradient(field: xr.Dataset) -> NDArray[np.float64]:
         for j, axis in enumerate("xyz"):
             place = field[axis].values * 1e-3
             gradient[i, j] = np.gradient(values, place, axis=2 - j, edge_order=2 if place.size > 2 else 1)
+        gradient[i][:, np.isnan(values)] = np.nan  # a body is no fluid, thin as it may be
     return gradient
 
 

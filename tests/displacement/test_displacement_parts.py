@@ -469,6 +469,19 @@ def test_four_vectors_cannot_condemn_one_another():
     assert not find_outliers(field, everywhere, 3.0, 0.1).any()
 
 
+def test_outliers_among_outliers_are_not_taken_back():
+    """Once their neighbours are rejected too, nothing is left to test them by: that does not acquit them."""
+    shape = (8, 16, 16)
+    rng = np.random.default_rng(1)
+    field = 0.05 * rng.standard_normal((3, *shape))
+    wrong = np.zeros(shape, bool)
+    wrong[2:6, 4:10, 4:10] = True
+    field[:, wrong] = rng.uniform(-15, 15, (3, wrong.sum()))
+    outlier = find_outliers(field, np.ones(shape, bool), 3.0, 0.1)
+    assert outlier[wrong].mean() > 0.96  # 0.8 with those that were taken back
+    assert not outlier[~wrong].any()
+
+
 def linear_field(shape):
     z, y, x = np.meshgrid(*(np.arange(n, dtype=float) for n in shape), indexing="ij")
     return np.stack([1.4 * z + 0.2 * x, -0.5 * y + 0.3 * z, 2 - 0.6 * x])

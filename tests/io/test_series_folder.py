@@ -92,6 +92,18 @@ def test_pairs_without_a_file_are_nan_and_not_valid(tmp_path):
     assert (tmp_path / "velocity.nc").read_bytes() == (tmp_path / "again.nc").read_bytes()
 
 
+def test_flags_of_the_grid_are_those_of_all_times(tmp_path):
+    """A pair without a field has none of its own, but a body is where it was."""
+    one = field(1)
+    for name in ("inside_body", "near_focus", "near_face"):
+        one[name] = one.valid.copy()
+    write_velocity(tmp_path / "b.nc", one)
+    write_series(tmp_path / "velocity.nc", one, {"time": [0.5, 1.5]}, {1: tmp_path / "b.nc"}, {})
+    velocity = read_velocity(tmp_path / "velocity.nc")
+    sums = [int(velocity[name][0].sum()) for name in ("inside_body", "near_focus", "near_face", "valid")]
+    assert sums == [24, 24, 24, 0]
+
+
 def test_a_pair_that_is_stored_otherwise_is_copied_all_the_same(tmp_path):
     field(1).to_netcdf(tmp_path / "plain.nc", engine="h5netcdf")
     write_series(tmp_path / "velocity.nc", field(1), {"time": [1.5]}, {0: tmp_path / "plain.nc"}, {})

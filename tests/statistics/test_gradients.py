@@ -103,7 +103,9 @@ def test_unknown_vectors_and_single_planes(field_of):
     for name in ("u", "v", "w", "u_std", "v_std", "w_std"):
         field[name][2, 1, 3] = np.nan
     found = velocity_gradients(field)
-    assert np.argwhere(np.isnan(found.du_dx.values)).tolist() == [[2, 1, 2], [2, 1, 4], [2, 1, 5]]
-    np.testing.assert_array_equal(np.isnan(found.du_dx), np.isnan(found.du_dx_std))
+    assert np.argwhere(np.isnan(found.du_dx.values)).tolist() == [[2, 1, 2], [2, 1, 3], [2, 1, 4], [2, 1, 5]]
+    assert np.isnan(found.du_dz.values[2, 1, 3])  # though it has neighbours on both sides
+    for name in ("du_dx", "du_dz", "vorticity_y", "q"):
+        np.testing.assert_array_equal(np.isnan(found[name]), np.isnan(found[f"{name}_std"]))
     with pytest.raises(PlenoPIVError, match="one vector along z"):
         velocity_gradients(field.isel(z=[0]))

@@ -79,12 +79,13 @@ def find_outliers(
 ) -> NDArray[np.bool_]:
     """Measured vectors (nz, ny, nx) that the normalised median test rejects.
 
-    A vector with fewer than FEWEST measured neighbours cannot be tested and is kept.
+    A vector with fewer than FEWEST measured neighbours cannot be tested and is kept. One that was rejected stays so
+    where its neighbours are rejected too, until there are enough others to test it by.
     """
     accepted = measured
     for _ in range(_ITERATIONS):
         residual = normalised_median(displacement, accepted, floor)
-        now = measured & ~(np.isfinite(residual) & (residual > threshold))
+        now = measured & np.where(np.isfinite(residual), residual <= threshold, accepted)
         if np.array_equal(now, accepted):
             break
         accepted = now

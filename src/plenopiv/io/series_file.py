@@ -1,8 +1,8 @@
 """velocity.nc of a series, put together from the files of its pairs as they are on disk, one after the other.
 
-A pair without a file is NaN, and its integers (``valid``) are 0. The file holds all fields itself: a virtual data set
-over the files of the pairs would take no space, but HDF5 opens all of them to read a variable, and gives fill values
-without a word for those beyond the system's limit of open files.
+A pair without a file is NaN and ``valid`` 0; flags of the grid are those of all pairs. The file holds all fields
+itself: a virtual data set over the files of the pairs would take no space, but HDF5 opens all of them to read a
+variable, and gives fill values without a word for those beyond the system's limit of open files.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from plenopiv.io.netcdf import COMPRESSED, DIMS
 
 if TYPE_CHECKING:
     import xarray
+
+OF_THE_GRID = "inside_body", "near_focus", "near_face"  # flags that are the same at all times
 
 
 def pair_file(number: int) -> str:
@@ -64,6 +66,9 @@ def write_series(
                 made.attrs.update({key: value for key, value in like[name].attrs.items() if key != "_FillValue"})
         aside.check()
         with h5py.File(aside, "r+") as file:
+            for name in [name for name in OF_THE_GRID if name in like]:
+                for number in sorted(set(range(len(times["time"]))) - set(files)):
+                    file[name][number] = like[name].values[0]
             for number in sorted(files):
                 _copy(files[number], file, [str(name) for name in fields], number)
                 aside.check()

@@ -115,6 +115,7 @@ def _of_derivative(
         total += np.einsum("pi,i...->p...", both, np.nan_to_num(product))
         unknown = np.einsum("pi,i...->p...", (both != 0).astype(float), np.isnan(product).astype(float))
         total[unknown > 0] = np.nan
+    total[np.isnan(values)] = np.nan
     return np.moveaxis(total.clip(0), 0, axis)
 
 

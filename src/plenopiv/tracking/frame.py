@@ -14,7 +14,7 @@ from plenopiv.tracking.covariance import NEIGHBOURS as MOST_NEIGHBOURS
 from plenopiv.tracking.evidence import doubtful, errors_of, present, without_evidence
 from plenopiv.tracking.light import LightOfPoints, Lights
 from plenopiv.tracking.pixels import Pixels, lit_by, with_noise
-from plenopiv.tracking.refine import Effort, Fit, Prior, first_light, refine
+from plenopiv.tracking.refine import Effort, Fit, Prior, add_light, first_light, refine
 from plenopiv.tracking.splits import crowded, near_any, splits
 from plenopiv.volume import Limits
 
@@ -108,7 +108,7 @@ def particles_of_second_frame(
     if there.mean() < FEWEST:
         raise PlenoPIVError(ELSEWHERE)
     own = np.flatnonzero(there)
-    lights = fit.carried(own, of_points(np.empty((0, 3))))
+    lights = fit.carried(own, np.empty((0, 3)))
     begin = _Start(expected_mm[own], light[own], prior.of(own), lights, expected_mm, KNOWN_STEPS, KNOWN_PASSES)
     del fit
     return _in_passes(of_points, pixels, begin, limits_mm, progress)
@@ -188,11 +188,12 @@ def _in_passes(
         of_new = np.concatenate([np.full(len(places), FIRST_LIGHT * typical), np.tile(0.5 * fit.light[pairs], 2)])
         position, light = np.concatenate([fit.position_mm[~out], new]), np.concatenate([fit.light[~out], of_new])
         off = np.concatenate([off[~out], np.full(len(new), np.nan)])
-        prior, image = Prior(np.concatenate([prior.position_mm[~out], new]), prior.std_mm), fit.image
-        of_points(fit.position_mm[out]).add_to(image, -fit.light[out])
-        found = of_points(new)
-        found.add_to(image, of_new)
-        lights = fit.carried(np.flatnonzero(~out), found)
+        prior = Prior(np.concatenate([prior.position_mm[~out], new]), prior.std_mm)
+        lights, image = fit.carried(np.flatnonzero(~out), new), None
+        if lights is None:
+            image = fit.image
+            add_light(of_points, fit.position_mm[out], -fit.light[out], image)
+            add_light(of_points, new, of_new, image)
         del fit
         if done and changes <= FEW * len(light):
             break

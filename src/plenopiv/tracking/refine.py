@@ -111,10 +111,10 @@ class Fit:
         """Where that of the particles ``which``, ascending, goes."""
         return self.of_points(self.position_mm[which]) if self.kept is None else _of(self.kept, which)
 
-    def carried(self, which: NDArray[np.int64], others: Lights) -> Lights | None:
-        """Where the light of the particles ``which`` and then of ``others`` goes, for the next fit; None where it is
-        not kept."""
-        return None if self.kept is None else self.kept.with_others(which, others)
+    def carried(self, which: NDArray[np.int64], new_mm: Array) -> Lights | None:
+        """Where the light of the particles ``which`` and then of new ones at ``new_mm`` (k, 3) goes, for the next fit;
+        None where it is not kept."""
+        return None if self.kept is None else self.kept.with_others(which, self.of_points(new_mm))
 
     def normal(self, which: NDArray[np.int64] | None = None, lights: Lights | None = None) -> bsr_array:
         """The normal equations (4m, 4m) of the particles ``which`` (m,), ascending, or of all, the prior's information
@@ -211,6 +211,14 @@ def image_of(of_points: LightOfPoints, position_mm: Array, light: Array, pixels:
     for area in areas.areas(position_mm[:, :2]):
         of_points(position_mm[area]).add_to(image, light[area])
     return image
+
+
+def add_light(of_points: LightOfPoints, position_mm: Array, light: Array, image: Array) -> None:
+    """Add to an ``image`` (pixels,) the counts of particles at positions (n, 3) mm and of light (n,) counts, some at a
+    time: lists of pixels of all would take gigabytes."""
+    for first in range(0, len(light), areas.TOGETHER):
+        some = slice(first, first + areas.TOGETHER)
+        of_points(position_mm[some]).add_to(image, light[some])
 
 
 def _stepped(

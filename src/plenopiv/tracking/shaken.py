@@ -55,7 +55,7 @@ def particles_of_prediction(
     if not there.any():
         raise PlenoPIVError(NONE)
     origin = np.flatnonzero(there)
-    lights = fit.carried(origin, of_points(np.empty((0, 3))))
+    lights = fit.carried(origin, np.empty((0, 3)))
     position, light, prior = position_mm[origin], light[origin], prior.of(origin)
     for done in range(PASSES):
         fit = refine(of_points, pixels, position, light, prior, 1, EFFORT, lights)
@@ -65,7 +65,7 @@ def particles_of_prediction(
         new, _ = of_points.places(excess, limits_mm, POOR)
         if progress is not None:
             progress(done + 1, PASSES + 1)
-        lights = fit.carried(np.arange(len(fit.light)), of_points(new))
+        lights = fit.carried(np.arange(len(fit.light)), new)
         position, prior = np.concatenate([fit.position_mm, new]), prior.joined(new, wide)
         light = np.concatenate([fit.light, np.full(len(new), FIRST_LIGHT * float(np.median(fit.light)))])
         origin = np.concatenate([origin, np.full(len(new), -1)])
