@@ -1,5 +1,6 @@
 """The optics from dots: what a fit finds, what it leaves out, and what is refused."""
 
+import warnings
 from dataclasses import fields, replace
 
 import numpy as np
@@ -9,14 +10,19 @@ from calibrations import calibrated
 import plenopiv.calibration.target.calibrated as module
 from plenopiv.calibration.lattice_fit import LatticeFit
 from plenopiv.calibration.target.board import Board, TargetImage
-from plenopiv.calibration.target.calibrated import PlaneResidual, _check_agreement, lens_space_camera
+from plenopiv.calibration.target.calibrated import (
+    PlaneResidual,
+    _check_agreement,
+    _compare_with_sheet,
+    lens_space_camera,
+)
 from plenopiv.calibration.target.fit import Dots, _check_order, _check_planes
 from plenopiv.calibration.target.optics_fit import fit_optics
 from plenopiv.cameras.lens_space import images_of
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import LensRim, MainLens, PlenopticCamera
 from plenopiv.cameras.ray_model import RayModel
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 
@@ -152,11 +158,17 @@ def test_a_plane_without_a_depth():
         _check_order(images(-1.0, 0.0, 1.0), [-1.0, np.nan, 1.0])
 
 
-def residuals(*mean_z_um):
+def residuals(*mean_um):
+    """Planes whose mean residuals are such along z, or along x, y, z."""
+    means = [mean if isinstance(mean, tuple) else (0.0, 0.0, mean) for mean in mean_um]
     return [
-        PlaneResidual(f"target_{k}.tif", float(k), 20, 20, (0.3, 0.3, abs(mean)), (0.0, 0.0, mean))
-        for k, mean in enumerate(mean_z_um)
+        PlaneResidual(f"target_{k}.tif", float(k), 20, 20, (0.3, 0.3, abs(mean[2])), mean)
+        for k, mean in enumerate(means)
     ]
+
+
+def others(*rms_z_um):
+    return [(0.3, 0.3, rms) for rms in rms_z_um]
 
 
 def test_a_plane_that_the_others_contradict():
@@ -165,11 +177,35 @@ def test_a_plane_that_the_others_contradict():
         "its z_mm, or leave the image out$"
     )
     with pytest.raises(PlenoPIVError, match=message):
-        _check_agreement(residuals(900.0, 200.0, -300.0, 100.0), [300.0, 4.0, 200.0, 150.0])
-    _check_agreement(residuals(5.0, 31.0, -30.0, 1.0), [4.0] * 4)  # within eight times the others' RMS
-    _check_agreement(residuals(0.0, 19.0, 0.0, 0.0), [0.1] * 4)  # 0.02 mm are no matter
-    _check_agreement(residuals(5.0, 200.0, -30.0), [4.0] * 3)  # of three planes any one may be wrong
-    _check_agreement(residuals(5.0, float("nan"), -30.0, 1.0), [4.0] * 4)  # of no dot seen whole
+        _check_agreement(residuals(900.0, 200.0, -300.0, 100.0), others(300.0, 4.0, 200.0, 150.0))
+    _check_agreement(residuals(5.0, 31.0, -30.0, 1.0), others(*[4.0] * 4))  # within eight times the others' RMS
+    _check_agreement(residuals(0.0, 19.0, 0.0, 0.0), others(*[0.1] * 4))  # 0.02 mm are no matter
+    _check_agreement(residuals(5.0, 200.0, -30.0), others(*[4.0] * 3))  # of three planes any one may be wrong
+    _check_agreement(residuals(5.0, float("nan"), -30.0, 1.0), others(*[4.0] * 4))  # of no dot seen whole
+
+
+def test_a_plane_whose_dots_lie_beside_those_of_the_others():
+    message = (
+        "^calibration.planes: the dots of target_2.tif lie -0.800 mm along y from where the other planes have them: "
+        "the target was moved aside, or another dot was taken for its origin; leave the image out$"
+    )
+    planes = residuals((0.0, 200.0, 0.0), 3.0, (0.0, -800.0, 2.0), (0.0, 190.0, 1.0))
+    with pytest.raises(PlenoPIVError, match=message):
+        _check_agreement(planes, [(0.3, 330.0, 4.0), (0.3, 330.0, 4.0), (0.3, 3.4, 4.0), (0.3, 330.0, 4.0)])
+
+
+def test_figures_far_from_the_data_sheet_are_warned_of(fitted):
+    """A pitch that is a tenth too small is made up for by microlenses of another focal length."""
+    camera, (dots, right) = lens_space(), fitted
+    stated = {"microlens_focal_length_mm": camera.microlens_focal_length_mm, "refractive_index": 1.333}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        _compare_with_sheet(right, stated)
+    wrong = replace(dots, laboratory_mm=dots.laboratory_mm * (0.9, 0.9, 1.0))
+    found = fit_optics(wrong, camera, WATER)
+    said = r"by the dots microlens_focal_length_mm is 0\.3\d+, \d+ standard deviations .* z_mm"
+    with pytest.warns(PlenoPIVWarning, match=said):
+        _compare_with_sheet(found, stated)
 
 
 def test_a_plane_that_is_elsewhere_is_told_by_the_others_residuals():
@@ -177,9 +213,18 @@ def test_a_plane_that_is_elsewhere_is_told_by_the_others_residuals():
     dots = dots_of(camera)
     dots.laboratory_mm[dots.plane == 2, 2] += 1.2
     found = fit_optics(dots, camera, WATER)
-    assert found.without_mm[2] < 4e-3
-    assert min(found.without_mm[k] for k in (0, 1, 3, 4)) > 0.05
+    assert found.without_mm[2][2] < 4e-3
+    assert min(found.without_mm[k][2] for k in (0, 1, 3, 4)) > 0.05
     assert found.left_out_mm[dots.plane == 2, 2].mean() == pytest.approx(-1.2, abs=0.01)
+
+
+def test_a_plane_that_was_moved_aside_is_told_likewise():
+    dots = dots_of(lens_space())
+    dots.laboratory_mm[dots.plane == 2, 0] += 0.3
+    found = fit_optics(dots, lens_space(), WATER)
+    assert found.without_mm[2][0] < 3e-4
+    assert min(found.without_mm[k][0] for k in (0, 1, 3, 4)) > 0.02
+    assert found.left_out_mm[dots.plane == 2, 0].mean() == pytest.approx(-0.3, abs=0.01)
 
 
 def test_the_lens_that_stands_for_a_camera():

@@ -181,6 +181,19 @@ def test_a_damaged_one_is_refused_and_stays(folder, made):
     assert (folder / "calibration.toml").read_text() == "[inputs]\n"
 
 
+def test_a_results_folder_finds_the_one_beside_the_experiment(folder, made):
+    """Where the target's images are in a folder of their own."""
+    experiment, recording = opened(folder)
+    target.target_calibration(experiment, recording)
+    results = folder / "results"
+    results.mkdir()
+    (results / "experiment.toml").write_text(experiment.dump_toml(results))
+    again = Experiment.load(results / "experiment.toml")
+    assert exactly(target.target_calibration(again, again.recording())) == exactly(calibrated())
+    assert len(made) == 1
+    assert [path.name for path in results.iterdir()] == ["experiment.toml"]
+
+
 def test_a_results_folder_finds_the_one_beside_the_images(folder, made):
     for name in IMAGES:
         (folder / name).rename(folder / name.replace("/", "_"))

@@ -6,6 +6,7 @@ import hashlib
 import json
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -64,15 +65,16 @@ def target_calibration(
 
 
 def _beside_images(experiment: Experiment, inputs: dict[str, str]) -> TargetCalibration | None:
-    """A calibration of the same inputs beside the target's images: the experiment file of a results folder, which
-    names them where they are, needs none of its own."""
+    """A calibration of the same inputs beside the target's images, above their folder or above that of the experiment
+    file: the experiment file of a results folder, which names the images where they are, needs none of its own."""
     assert experiment.calibration is not None
-    path = (experiment.folder / experiment.calibration.planes[0].image).parent / FILE
-    try:
-        found, of = load_calibration(path)
-    except PlenoPIVError:
-        return None
-    return found if of == inputs else None
+    images = (experiment.folder / experiment.calibration.planes[0].image).parent
+    for folder in (images, images / "..", experiment.folder / ".."):
+        with suppress(PlenoPIVError):
+            found, of = load_calibration(folder / FILE)
+            if of == inputs:
+                return found
+    return None
 
 
 def make_calibration(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import radians
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.calibration.lattice_fit import LatticeFit
 from plenopiv.calibration.target.board import Board, TargetImage
@@ -19,13 +20,14 @@ from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import LensRim, MainLens, PlenopticCamera
 from plenopiv.cameras.ray_model import RayModel
 from plenopiv.cameras.space_map import SpaceMap, ViewShift
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.lightfield import layout
 from plenopiv.volume import Limits
 
 BLOCKS = 3  # of the field along x and along y
 DISAGREES = 8.0  # times the others' RMS residual: a plane so far off was not where it is said to be
 DISAGREES_MM = 0.02
+OFF_SHEET = 4.0  # standard deviations of a stated figure from which on it, or the target's, is doubtful
 GROWTH = 0.6, 1.6  # of a micro-image pitch over the microlenses', beyond what the data sheet's lengths say
 
 
@@ -134,7 +136,9 @@ def calibrate_target(
         more = pupil_and_stop(seen, camera, lengths, optics.covariance[np.ix_(which, which)])
         values, std = values | more[0], std | more[1]
     planes = tuple(_plane(image, n, dots, optics) for n, image in enumerate(images))
-    _check_agreement(planes, [1e3 * optics.without_mm.get(n, float("nan")) for n in range(len(planes))])
+    _check_agreement(planes, [1e3 * optics.without_mm.get(n, np.full(3, np.nan)) for n in range(len(planes))])
+    stated = {"microlens_focal_length_mm": camera.microlens_focal_length_mm}
+    _compare_with_sheet(optics, stated if medium is None else stated | {"refractive_index": medium.refractive_index})
     used = np.isfinite(dots.view_shift_mm).all(2).any(0)
     shift = 1e3 * np.nanmean(dots.view_shift_mm[:, used], 0)
     views = tuple((*offset, *st) for offset, st in zip(where.offsets[used].tolist(), shift.tolist(), strict=True))
@@ -164,18 +168,37 @@ def _field(dots: Dots, optics: OpticsFit) -> tuple[tuple[tuple[float, float, flo
     return tuple(out)
 
 
-def _check_agreement(planes: Sequence[PlaneResidual], others_um: Sequence[float]) -> None:
-    """A plane that is not where the others say it is. ``others_um``: RMS residual along z of all others when a plane is
-    left out of the fit. A plane that is wrong bends every fit that it is part of: only where it is left out do the
-    others agree."""
+def _check_agreement(planes: Sequence[PlaneResidual], others_um: Sequence[ArrayLike]) -> None:
+    """A plane that is not where the others say it is. ``others_um``: RMS residual (3,) along x, y, z of all others when
+    a plane is left out of the fit. A plane that is wrong bends every fit that it is part of: only where it is left out
+    do the others agree."""
     if len(planes) < 4:
         return
-    off = np.array([abs(plane.mean_um[2]) for plane in planes])
-    beyond = off / np.maximum(DISAGREES * np.array(others_um), 1e3 * DISAGREES_MM)
-    worst = int(np.argmax(np.nan_to_num(beyond)))
-    if beyond[worst] > 1:
-        plane = planes[worst]
+    off = np.array([plane.mean_um for plane in planes])
+    beyond = np.abs(off) / np.maximum(DISAGREES * np.array(others_um), 1e3 * DISAGREES_MM)
+    worst, axis = divmod(int(np.argmax(np.nan_to_num(beyond))), 3)
+    if beyond[worst, axis] <= 1:
+        return
+    plane, by_mm = planes[worst], 1e-3 * off[worst, axis]
+    if axis == 2:
         raise PlenoPIVError(
             f"calibration.planes: {plane.image} is said to be at z = {plane.z_mm:g} mm; by the other planes it is at "
-            f"{plane.z_mm + 1e-3 * plane.mean_um[2]:.3f} mm: correct its z_mm, or leave the image out"
+            f"{plane.z_mm + by_mm:.3f} mm: correct its z_mm, or leave the image out"
+        )
+    raise PlenoPIVError(
+        f"calibration.planes: the dots of {plane.image} lie {by_mm:+.3f} mm along {'xy'[axis]} from where the other "
+        "planes have them: the target was moved aside, or another dot was taken for its origin; leave the image out"
+    )
+
+
+def _compare_with_sheet(optics: OpticsFit, stated: Mapping[str, float]) -> None:
+    """Warn of figures that are far from the ``stated`` ones, by their names: a wrong pitch of the dots, or steps of the
+    traverse, look like another camera."""
+    far = {name: by for name, by in optics.off_sheet.items() if by > OFF_SHEET and name in stated}
+    for name, by in far.items():
+        warnings.warn(
+            f"calibration: by the dots {name} is {optics.values[name]:.4g}, {by:.0f} standard deviations of such a "
+            f"figure from the {stated[name]:.4g} that is stated; check calibration.pitch_mm, z_mm and the figure",
+            PlenoPIVWarning,
+            stacklevel=3,
         )

@@ -26,6 +26,7 @@ NAMES = (
 )  # fmt: skip
 LENGTHS = NAMES.index("gap_tilt_t") + 1  # the others are the views' offsets
 CENTRES_PX = 0.05  # by which middles of micro-images may have been found aside in the sensor's corner
+OF_SHEET = "refractive_index", "microlens_focal_length_mm"  # that the experiment file states as they are
 SHEET = 0.03  # standard deviation of a stated focal length, relative
 MICROLENS_SHEET = 0.01  # of the microlenses': their sagitta is etched
 PITCH = 3e-5  # of the array's pitch, which lithography gives
@@ -42,8 +43,8 @@ class OpticsFit:
     """The optics and how well they are known. ``values``, ``std``: by the names of ``NAMES``, but for the views'
     offsets, and ``magnification``; ``covariance``: of all ``NAMES``; ``residual_mm`` (n, 3): of the dots, in the
     laboratory; ``left_out_mm`` (n, 3): the same with the dot's plane left out of the fit; ``without_mm``: RMS residual
-    of all others along z in the fit that leaves out a plane, by its number; ``used`` (n,): dots that are no
-    outliers."""
+    (3,) of all others in the fit that leaves out a plane, by its number; ``used`` (n,): dots that are no outliers;
+    ``off_sheet``: by how many standard deviations of the data sheet's figure a fitted one is off, by its name."""
 
     model: RayModel
     values: dict[str, float]
@@ -51,8 +52,9 @@ class OpticsFit:
     covariance: NDArray[np.float64]
     residual_mm: NDArray[np.float64]
     left_out_mm: NDArray[np.float64]
-    without_mm: dict[int, float]
+    without_mm: dict[int, NDArray[np.float64]]
     used: NDArray[np.bool_]
+    off_sheet: dict[str, float]
 
 
 def fit_optics(dots: Dots, camera: PlenopticCamera, medium: Medium | None) -> OpticsFit:
@@ -83,7 +85,7 @@ def fit_optics(dots: Dots, camera: PlenopticCamera, medium: Medium | None) -> Op
         here, there = dots.plane == plane, used & (dots.plane != plane)
         others = problem.solve(dots.where(there), start).x
         left_out[here] = problem.in_laboratory(others, dots.where(here))
-        without[plane] = float(np.sqrt((problem.in_laboratory(others, dots.where(there))[:, 2] ** 2).mean()))
+        without[plane] = np.sqrt((problem.in_laboratory(others, dots.where(there)) ** 2).mean(0))
     covariance = np.linalg.inv(found.jac.T @ found.jac)
     degrees = max(1, 3 * int(used.sum()) - len(NAMES))
     misfit = max(1.0, float((problem.scaled(start, dots.where(used)) ** 2).sum()) / degrees)
@@ -94,6 +96,7 @@ def fit_optics(dots: Dots, camera: PlenopticCamera, medium: Medium | None) -> Op
     slope = np.array([si / f**2, -1 / f])
     values["magnification"] = 1 - si / f
     std["magnification"] = float(np.sqrt(slope @ covariance[:2, :2] @ slope * misfit))
+    beyond = np.abs(start - problem.stated) / problem.deviation
     return OpticsFit(
         problem.model(start),
         values,
@@ -103,6 +106,7 @@ def fit_optics(dots: Dots, camera: PlenopticCamera, medium: Medium | None) -> Op
         left_out,
         without,
         used,
+        {name: float(beyond[NAMES.index(name)]) for name in OF_SHEET},
     )
 
 
