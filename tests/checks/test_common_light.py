@@ -85,3 +85,20 @@ def test_neighbours_are_equal_as_often_as_noise_makes_them(scale, most):
     rng = np.random.default_rng(0)
     counts = np.rint(60 + scale * rng.poisson(400.0, (200, 300))).astype(np.uint16)
     assert 0.7 < filtered.equal_neighbours(counts, Sensor(300, 200, 0.0055, 12, 60)) < most
+
+
+@pytest.mark.usefixtures("still")
+@pytest.mark.parametrize("masked", [False, True])
+def test_a_reflection_that_is_masked_is_no_light_in_common(recording, masked):
+    """A spot that is in all frames; at its place nothing is measured once it is masked."""
+    low, high = 100, 130
+    for name in "ab":
+
+        def lit(counts):
+            counts[low:high, low:high] = 2500
+            return counts
+
+        edited(recording, name, lit)
+    sides = [[low - 2, low - 2], [high + 2, low - 2], [high + 2, high + 2], [low - 2, high + 2]]
+    found = wrong(looked_at(recording, **({"recording__mask": [sides]} if masked else {})))
+    assert ("static-light" in found) == (not masked)

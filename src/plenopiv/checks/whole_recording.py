@@ -230,7 +230,10 @@ def _common_light(recording: Recording) -> list[Finding]:
     successive frames overlap."""
     if recording.is_sequence:
         return []
-    frames = _first_frames(recording)
+    frames, unusable = _first_frames(recording), recording.unusable
+    if unusable is not None:
+        hidden = middle_of(unusable, middle(recording.sensor, MIDDLE_PX, MIDDLE_PX))
+        frames = [np.where(hidden, frame.dtype.type(recording.sensor.black_level), frame) for frame in frames]
     found = static.common_light(frames, recording.sensor)
     return [] if found is None else [found]
 
@@ -311,7 +314,7 @@ def _light_and_motion(
     lights = [light.light_of(field, projector, gain) for field in fields]
     if unusable is not None:
         level = np.uint16(recording.sensor.black_level)
-        frames = [np.where(unusable, level, frame) for frame in frames]
+        frames, clean = ([np.where(unusable, level, one) for one in each] for each in (frames, clean))
     each = [
         light.exposure(frame, recording.sensor, lit, name)
         for frame, lit, name in zip(frames, lights, names, strict=False)
@@ -337,9 +340,7 @@ def _light_and_motion(
     x, y, z = (n * d for n, d in zip(last, grid.voxel_mm, strict=True))
     out.append(light.seeding(lights[0], camera, hi - lo, (x, y, z)))
     report("light", 2, 2)
-    if any(finding.name == "underexposed" and finding.severity == "unusable" for finding in out):
-        return out, lights[0], None
-    if not with_motion:
+    if not with_motion or any(one.name == "underexposed" and one.severity == "unusable" for one in out):
         return out, lights[0], None
     report("displacement", 0, 1)
     moved = motion.motion(fields[0], fields[1], (lo, hi))
