@@ -13,12 +13,14 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+import plenopiv
 from plenopiv.io import read_velocity
 from plenopiv.statistics import velocity_gradients
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "ring")
 field = read_velocity(folder / "results" / "velocity.nc").isel(time=0)
-found = velocity_gradients(field)  # xarray on (z, y, x): du_dx, ..., vorticity_x, ..., q; each with its _std
+settings = plenopiv.load(str(folder / "results" / "experiment.toml")).correlation.settings()  # errors depend on windows
+found = velocity_gradients(field, settings)  # xarray on (z, y, x): du_dx, ..., vorticity_x, ..., q; each with its _std
 omega, std = (np.stack([found[f"vorticity_{axis}{end}"] for axis in "xyz"]) for end in ("", "_std"))  # 1/s
 q = found.q.values  # 1/s^2
 

@@ -197,6 +197,13 @@ class Recording:
         are not known, the pair's number in units of ``dt_s``, and half of it."""
         return (pair + 0.5) * self.dt_s
 
+    @property
+    def time_meaning(self) -> str:
+        """What ``mid_time_s`` is, in the words of a file."""
+        if self.is_sequence:
+            return "mid-time of the two frames, from the first frame of the recording"
+        return "number of the pair and a half, times dt_s; the time between pairs is not known"
+
     def pulse(self, k: int) -> int:
         """0 for the first pulse of a pair, 1 for the second; 0 for all frames of a sequence of more than two."""
         return 0 if self._without_pulses else int(any(second == k for _, second in self.pairs))

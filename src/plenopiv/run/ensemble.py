@@ -137,7 +137,7 @@ class Ensembles:
         pairs = KeptPairs(self.kept, recording, self.pairs[number])
         time_s = self.times(recording)["time"][number]
         field = chain.ensemble(pairs, recording.dt_s, time_s, report)
-        field["time"].attrs["long_name"] = "mean of the mid-times of the pairs, from the first frame of the recording"
+        field["time"].attrs["long_name"] = f"mean over the pairs of: {recording.time_meaning}"
         field.attrs["title"] += ", ensemble correlation"
         field["pairs"] = "time", np.array([len(pairs)], np.int32), {"long_name": "number of pairs", "units": "1"}
         if self.phase:

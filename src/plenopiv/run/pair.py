@@ -167,9 +167,13 @@ class Job:
     ) -> PairRecord:
         """``measured`` of volumes that are made when they are asked for."""
         time_s, names = self.recording.mid_time_s(record.pair), (record.frames[0]["name"], record.frames[1]["name"])
-        return self.completed(
-            record, lambda: self.chain.velocity(*volumes(), self.recording.dt_s, time_s, progress), names
-        )
+
+        def measure() -> xarray.Dataset:
+            field = self.chain.velocity(*volumes(), self.recording.dt_s, time_s, progress)
+            field["time"].attrs["long_name"] = self.recording.time_meaning
+            return field
+
+        return self.completed(record, measure, names)
 
     def completed(
         self,

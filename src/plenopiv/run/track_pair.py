@@ -151,6 +151,7 @@ class TrackJob:
         if record.set_aside is not None:  # its tracks are there all the same
             record.set_aside = f"{NO_FIELD}: {record.set_aside}"
             return record
+        velocity["time"].attrs["long_name"] = recording.time_meaning
         velocity.attrs |= said
         write_velocity(path_in(self.folder, field, self.while_there), velocity)
         record.files.append(field)

@@ -81,6 +81,7 @@ class SmoothSequence:
                 why, without[number] = error, f"{NO_FIELD}: {error}"
                 warnings.warn(f"pair {number}: {NO_FIELD}: {error}", PlenoPIVWarning, stacklevel=2)
                 continue
+            velocity["time"].attrs["long_name"] = self.recording.time_meaning
             velocity.attrs |= {"source": source(), "quality": quality}
             out[number] = folder.path(pair_file(number))
             write_velocity(out[number], velocity)

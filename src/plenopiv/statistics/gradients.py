@@ -6,8 +6,8 @@ A derivative is a weighted sum of the vectors along one axis, D u; its variance 
 
 with r the correlation of the errors of vectors so many steps apart (Sciacchitano & Wieneke 2016, PIV uncertainty
 propagation, Meas. Sci. Technol. 27 084006, for vorticity by central differences). Windows that overlap share particles,
-which makes r(1) positive: 0.63 with the default windows, 0.47 without sub-windows, where r(2), on which a central
-difference depends, is 0.13 and -0.04. r is computed from the windows by ``displacement.noise_amplification``, for noise
+which makes r(1) positive: 0.57 with the default windows, 0.47 without sub-windows, where r(2), on which a central
+difference depends, is 0.07 and -0.04. r is computed from the windows by ``displacement.noise_amplification``, for noise
 that is white in the volume; in simulated volumes it is up to 0.15 smaller with sub-windows (docs/statistics.md).
 
 Errors of different components are taken as independent, and so are those of the differences of one component along
