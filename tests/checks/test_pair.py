@@ -6,6 +6,7 @@ import pytest
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.checks.pair import PairCheck
 from plenopiv.lattice import Lattice
+from plenopiv.recording.static_light import static_light
 from plenopiv.sensor import Sensor
 
 SENSOR = Sensor(400, 360, 0.0055, 12, 60.0)
@@ -61,6 +62,17 @@ def test_a_weak_second_pulse_and_a_saturated_frame():
     bright = frame(3)
     bright[bright > 62] = SENSOR.full_scale
     assert found(frame(1), bright)["overexposed"].severity == "unusable"
+
+
+def test_a_saturated_frame_less_its_dark_image():
+    """Where the dark image is below the black level, pixels that were just not full end above full scale."""
+    bright = frame(3)
+    bright[bright > 300] = SENSOR.full_scale
+    bright[0, 0] = SENSOR.full_scale - 1
+    dark = static_light(SENSOR, np.full(bright.shape, 58, np.uint16), None)
+    a, b = (dark.removed(image.astype(np.uint16), 0)[0] for image in (frame(1), bright))
+    assert b.max() > SENSOR.full_scale
+    assert found(a, b)["overexposed"].number == pytest.approx(100 * np.mean(bright >= SENSOR.full_scale - 1))
 
 
 def test_pixels_that_are_no_equations_are_not_asked():

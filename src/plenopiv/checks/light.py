@@ -133,9 +133,12 @@ def exposure(counts: NDArray, sensor: Sensor, found: Light, name: str) -> list[F
 
 
 def clipping(counts: NDArray, sensor: Sensor, name: str) -> Finding:
-    """Pixels at full scale, or heaped at a lower highest count: a sensor may saturate below what its bits hold."""
-    top = int(counts.max())
-    share = float(np.mean(counts == top))
+    """Pixels at full scale, or heaped at a lower highest count: a sensor may saturate below what its bits hold.
+
+    Less a dark image, which lies below the black level somewhere, pixels that were just not full are above full scale.
+    """
+    top = min(int(counts.max()), sensor.full_scale)
+    share = float(np.mean(counts >= top))
     high = top - sensor.black_level > 0.5 * (sensor.full_scale - sensor.black_level)
     if high and share > CLIPPED_SHARE:
         where = "full scale" if top >= sensor.full_scale else f"{top} counts, below full scale of {sensor.full_scale}"
