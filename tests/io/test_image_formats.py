@@ -8,6 +8,7 @@ import tifffile
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.recording import ImageSource, Recording, read_image
+from plenopiv.recording.formats import image_datasets
 from plenopiv.recording.pairs import pairs, sequence
 from plenopiv.recording.sources import only_source, sources_of
 from plenopiv.sensor import Sensor
@@ -42,6 +43,8 @@ WRITERS = {
     "image.png": png,
     "image.npy": np.save,
     "image.h5": hdf5,
+    "big-endian.npy": lambda p, i: np.save(p, i.astype(i.dtype.newbyteorder(">"))),
+    "big-endian.h5": lambda p, i: hdf5(p, i.astype(i.dtype.newbyteorder(">"))),
 }
 
 
@@ -56,6 +59,12 @@ def test_counts_are_the_same_from_every_file(tmp_path, counts, name):
     read = read_image(written(tmp_path, name, counts), SENSOR)
     assert read.dtype == np.uint16
     np.testing.assert_array_equal(read, counts)
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_data_sets_of_either_order_of_bytes_are_images(tmp_path, counts, order):
+    hdf5(tmp_path / "image.h5", counts.astype(counts.dtype.newbyteorder(order)))
+    assert image_datasets(tmp_path / "image.h5") == ["run/images"]
 
 
 @pytest.mark.parametrize("name", WRITERS)

@@ -49,13 +49,18 @@ def reader_of(path: Path) -> Reader | None:
     return READERS.get(path.suffix.lower())
 
 
+def are_counts(dtype: np.dtype) -> bool:
+    """Whether values are 8- or 16-bit counts, in any order of their bytes."""
+    return dtype.newbyteorder("=") in (np.uint8, np.uint16)
+
+
 def checked(array_shape: tuple[int, ...], dtype: np.dtype, path: Path) -> None:
     """Raise PlenoPIVError for what is no image, or stack of images, of 8- or 16-bit counts."""
     if len(array_shape) not in (2, 3) or 0 in array_shape:
         raise PlenoPIVError(f"{path}: holds an array of shape {array_shape}; wanted (rows, columns) or a stack of such")
     if len(array_shape) == 3 and array_shape[-1] in (3, 4) and array_shape[0] > 4:
         raise PlenoPIVError(f"{path}: is a colour image {array_shape}; only raw monochrome images are supported")
-    if dtype not in (np.uint8, np.uint16):
+    if not are_counts(dtype):
         raise PlenoPIVError(f"{path}: holds {dtype} values; raw images hold 8- or 16-bit unsigned counts")
     if prod(array_shape[-2:]) * dtype.itemsize > LARGEST:
         raise PlenoPIVError(f"{path}: holds images of {array_shape[-1]} x {array_shape[-2]} pixels: is it damaged?")
@@ -84,7 +89,7 @@ class Arrays(ABC):
         """See ``Reader``."""
         with self.array(path, dataset) as found:
             checked(found.shape, found.dtype, path)
-            return np.array(found[page] if len(found.shape) == 3 else found)
+            return np.array(found[page] if len(found.shape) == 3 else found, found.dtype.newbyteorder("="))
 
 
 class NumPyFile(Arrays):
@@ -140,7 +145,7 @@ def image_datasets(path: Path) -> list[str]:
     names: list[str] = []
 
     def visit(name: str, item: object) -> None:
-        if isinstance(item, h5py.Dataset) and item.ndim in (2, 3) and item.dtype in (np.uint8, np.uint16):
+        if isinstance(item, h5py.Dataset) and item.ndim in (2, 3) and are_counts(item.dtype):
             names.append(name)
 
     try:
