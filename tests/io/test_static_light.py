@@ -73,6 +73,24 @@ def test_two_background_images_are_those_of_pairs(tmp_path):
     Recording(SENSOR, (a, b, c), None, 1e-3, "upright", background_paths=(bg_a,))
 
 
+@pytest.mark.parametrize("dark", [0, 60])
+def test_a_dark_image_of_even_counts_is_one(tmp_path, dark):
+    """A camera that clips at zero gives no other; and a background may be as dark."""
+    frame, *_ = scene()
+    for name, image in {"a": frame, "b": frame + 1, "dark": np.full_like(frame, dark)}.items():
+        tifffile.imwrite(tmp_path / f"{name}.tif", image)
+    a, b, even = (tmp_path / f"{name}.tif" for name in ("a", "b", "dark"))
+    for pulses in ((), (even,)):
+        recording = Recording(SENSOR, (a, b), None, 1e-3, "upright", dark_path=even, background_paths=pulses)
+        assert not recording.unusable.any()
+        np.testing.assert_array_equal(recording.light(0)[0] - SENSOR.black_level, frame.astype(np.float32) - dark)
+    tifffile.imwrite(even, np.full_like(frame, SENSOR.full_scale))
+    with pytest.raises(PlenoPIVError, match="the image is blank"):
+        _ = Recording(SENSOR, (a, b), None, 1e-3, "upright", dark_path=even).static_light
+    with pytest.raises(PlenoPIVError, match="the image is blank"):
+        Recording(SENSOR, (even, b), None, 1e-3, "upright").frame(0)
+
+
 def test_hot_and_dead_pixels_are_no_equations():
     rng = np.random.default_rng(3)
     dark = np.rint(60 + rng.normal(0, 0.6, (SENSOR.rows, SENSOR.columns)))

@@ -10,6 +10,7 @@ from particle_scenes import CAMERA, GAIN, LIMITS, VOXEL_MM, nearest, noisy, pixe
 from scipy.sparse import bsr_array
 
 from plenopiv.errors import PlenoPIVError
+from plenopiv.reconstruction.noise import QUANTUM, noise_of
 from plenopiv.tracking import areas
 from plenopiv.tracking import covariance as of_fit
 from plenopiv.tracking.covariance import LEAST, covariance_among
@@ -106,6 +107,18 @@ def test_pixels_that_cannot_be_used_speak_for_no_particle(of_points, few):
     own = of_points(found.position_mm)
     seen = np.bincount(own.point, own.share * half.usable[own.pixel], len(found.light)) / own.whole()
     assert seen.min() > 0.05
+
+
+def test_a_camera_that_clips_at_zero(of_points, few):
+    """No pixel is below a black level of 0, and a white image told of no shot noise: digitisation is left."""
+    pixels, near = few
+    counts = np.maximum(pixels.counts, 0.0).astype(np.float32)
+    dark = noise_of(counts, pixels.usable, 0.0).dark
+    assert dark == QUANTUM
+    image = counts.reshape(CAMERA.sensor.rows, CAMERA.sensor.columns)
+    clipped = Pixels.of_image(image, 0.0, 4035, dark, 0.0)
+    found = particles_of_frame(of_points, clipped, near, np.full(len(near), LIGHT), LIMITS)
+    assert (nearest(near, found.position_mm) >= 0).mean() > 0.8
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])

@@ -62,9 +62,10 @@ def noise_of(
     """The noise of a camera's pixels ``values`` (view, pixel) where they are ``seen``; ``background`` as in ``Noise``.
 
     Values below the black level scatter by the dark noise and by the shot noise of the static light that was taken off.
+    Where none are below it, as of a camera that clips at zero, digitisation is left.
     """
     if background is None:
-        return Noise(noise_below(values[seen]), counts_per_electron)
+        return Noise(max(noise_below(values[seen]), QUANTUM), counts_per_electron)
     dim = seen & (background <= np.median(background[seen]))
     below = dim & (values < 0)
     variance = noise_below(values[dim]) ** 2

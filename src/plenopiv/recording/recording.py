@@ -269,7 +269,7 @@ class Recording:
 
     def dark(self) -> NDArray[np.uint16] | None:
         """Upright counts of the image with the sensor covered; None where the recording has none."""
-        return None if self.dark_path is None else self._counts(only_source(self.dark_path))
+        return None if self.dark_path is None else self._counts(only_source(self.dark_path), even=True)
 
     def counts_of(self, path: Path) -> NDArray[np.uint16]:
         """Upright counts of another image of the same camera, as one of a target.
@@ -281,7 +281,7 @@ class Recording:
 
     def backgrounds(self) -> list[NDArray[np.uint16]]:
         """Upright counts of the static light, of both pulses or of each."""
-        return [self._counts(only_source(path)) for path in self.background_paths]
+        return [self._counts(only_source(path), even=True) for path in self.background_paths]
 
     @cached_property
     def white_source(self) -> ImageSource | None:
@@ -303,5 +303,5 @@ class Recording:
             )
         return counts
 
-    def _counts(self, source: ImageSource) -> NDArray[np.uint16]:
-        return np.ascontiguousarray(upright(source.counts(self.sensor), self.orientation))
+    def _counts(self, source: ImageSource, *, even: bool = False) -> NDArray[np.uint16]:
+        return np.ascontiguousarray(upright(source.counts(self.sensor, even=even), self.orientation))

@@ -65,15 +65,17 @@ class ImageSource:
         """Raise PlenoPIVError, from the header alone, where the image is not one of this sensor."""
         self._header(sensor)
 
-    def counts(self, sensor: Sensor | None = None) -> NDArray[np.uint16]:
+    def counts(self, sensor: Sensor | None = None, *, even: bool = False) -> NDArray[np.uint16]:
         """Counts, (rows, columns), in the file's orientation. Without a sensor size and depth are not compared.
+        ``even``: all pixels may be equal, as of a dark image of a camera that clips at zero, but not at full scale.
 
         Raises:
             PlenoPIVError: as ``check``; the pixels do not decode, exceed the bit depth, or are all equal.
         """
         counts = _aligned(self.values(sensor), sensor, str(self))
         highest = int(counts.max())
-        if highest == int(counts.min()):
+        may_be = even and (sensor is None or highest < sensor.full_scale)
+        if highest == int(counts.min()) and not may_be:
             raise PlenoPIVError(f"{self}: every pixel is {highest}; the image is blank")
         return counts.astype(np.uint16, copy=False)
 
