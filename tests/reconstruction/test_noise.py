@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from oracles.cameras import small_camera
 
+from plenopiv.errors import PlenoPIVWarning
 from plenopiv.lightfield import LightField, layout
-from plenopiv.reconstruction.noise import Noise, counts_per_electron, dark_noise
+from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, Noise, counts_per_electron, dark_noise
 
 WHERE = layout(small_camera("square", pmr=8))
 LARGER = layout(small_camera("hexagonal", pmr=8, microlenses=(40, 34)))
@@ -47,6 +48,30 @@ def test_counts_per_electron_from_a_white_image(gain):
 
 def test_microlenses_that_differ_raise_it():
     assert 0.5 < counts_per_electron(white(0.5, 0.01)) < 1.0
+
+
+def saturated(gain, light):
+    """A white image cut off at full scale, brighter to the right."""
+    sensor = LARGER.camera.sensor
+    rng = np.random.default_rng(4)
+    column = np.arange(LARGER.lenses) % LARGER.ni
+    values = gain * rng.poisson(light / gain * LARGER.fill * np.linspace(0.8, 1.1, LARGER.ni)[column])
+    return field(np.minimum(values, sensor.full_scale - sensor.black_level), LARGER)
+
+
+@pytest.mark.parametrize("gain", [0.5, 2.0])
+@pytest.mark.parametrize("share", [0.95, 1.0])
+def test_saturated_pixels_tell_no_shot_noise(gain, share):
+    sensor = LARGER.camera.sensor
+    image = saturated(gain, share * (sensor.full_scale - sensor.black_level))
+    assert counts_per_electron(image) == pytest.approx(gain, rel=0.12)
+
+
+def test_where_too_few_are_below_full_scale_it_is_said():
+    sensor = LARGER.camera.sensor
+    with pytest.warns(PlenoPIVWarning, match=r"^recording\.white: too many of its pixels are at full scale"):
+        found = counts_per_electron(saturated(0.5, 1.3 * (sensor.full_scale - sensor.black_level)))
+    assert found == NO_WHITE_IMAGE
 
 
 def test_noise_of_a_pixel():

@@ -6,15 +6,20 @@ digitisation, and the photons' shot noise.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.errors import PlenoPIVWarning
 from plenopiv.lightfield import LightField
+from plenopiv.sensor import Sensor
 
 NO_WHITE_IMAGE = 1.0  # counts per electron taken where nothing tells: more than cameras have at 12 bits
 INNER = 0.5  # of the aperture's radius: pixels of a white image that are lit alike
+BESIDE = 2  # microlenses beside a saturated pixel that are left out with it: the bright ones of theirs are missing
+FEWEST = 0.5  # of a view's pairs that must be left
 QUANTUM = 12**-0.5  # counts: digitisation alone
 MAD_TO_STD = 1.4826  # of a normal distribution
 
@@ -78,16 +83,38 @@ def counts_per_electron(white: LightField) -> float:
     """Photon transfer on a white image: variance over mean of what one pixel shows under neighbouring microlenses.
 
     Differences between next neighbours along a row cancel what changes slowly over the sensor. Microlenses that differ
-    among themselves raise the figure: it is an upper bound.
+    among themselves raise the figure: it is an upper bound. Saturated pixels, which show no noise, and those beside
+    them are left out; where they leave too few, PlenoPIVWarning says so, and ``NO_WHITE_IMAGE`` is taken.
     """
     where = white.layout
-    slopes = []
+    slopes, saturated = [], 0
     for view in np.flatnonzero(np.hypot(*where.offsets.T) < INNER * where.camera.aperture_radius_px):
         seen = where.seen[view].reshape(where.nj, where.ni)
         values = white.values[view].reshape(where.nj, where.ni)
         both = seen[:, 1:] & seen[:, :-1]
+        pairs, full = np.count_nonzero(both), _near_full_scale(values, where.camera.sensor)
+        both &= ~(full[:, 1:] | full[:, :-1])
+        if np.count_nonzero(both) < FEWEST * pairs:
+            saturated += 1
+            continue
         step, mean = (values[:, 1:] - values[:, :-1])[both], (values[:, 1:] + values[:, :-1])[both] / 2
         if step.size and mean.mean() > 0:
             variance = 0.5 * (MAD_TO_STD * np.median(np.abs(step - np.median(step)))) ** 2
             slopes.append(variance / mean.mean())
+    if saturated and not slopes:
+        warnings.warn(
+            f"recording.white: too many of its pixels are at full scale to tell shot noise; {NO_WHITE_IMAGE:g} count "
+            "per electron is taken, more than cameras have; record it with less light",
+            PlenoPIVWarning,
+            stacklevel=2,
+        )
     return float(np.median(slopes)) if slopes else NO_WHITE_IMAGE
+
+
+def _near_full_scale(values: NDArray[np.float32], sensor: Sensor) -> NDArray[np.bool_]:
+    """Pixels of one view (row, microlens) in counts above the black level that are saturated, and those beside them in
+    their row."""
+    from scipy.ndimage import binary_dilation
+
+    full = values >= sensor.full_scale - sensor.black_level - 0.5
+    return binary_dilation(full, np.ones((1, 2 * BESIDE + 1))) if full.any() else full
