@@ -110,6 +110,19 @@ def test_dots_are_numbered_along_x_and_y():
     assert of[0, 1][1] < of[0, 0][1] - 10
 
 
+@pytest.mark.parametrize("missing", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_a_dot_beside_the_origin_s_may_be_missing(missing):
+    camera = placed()
+    image = board_image(camera, 5.0)
+    dots = find_dots(image)
+    whole = {tuple(n): p for n, p in zip(dots.number.tolist(), dots.pixel, strict=True)}
+    column, row = np.rint(whole.pop(missing)).astype(int)
+    image[row - 5 : row + 6, column - 5 : column + 6] = np.median(image)
+    found = find_dots(image)
+    assert set(map(tuple, found.number.tolist())) == set(whole)
+    assert np.abs(found.pixel - [whole[tuple(n)] for n in found.number.tolist()]).max() <= 0.05
+
+
 def test_a_board_partly_out_of_the_image():
     """Dots at the border are left out, the others numbered as before."""
     near = replace(placed(), focal_length_px=2.2 * placed().focal_length_px)

@@ -26,6 +26,7 @@ FEWEST_PIXELS = 6  # of a dot
 RIM_PX = 2  # around a dot, that its centre is taken over
 SMALLEST, LARGEST = 0.3, 4.0  # area of a dot, in those of the median one
 ORIGIN = 1.4  # area of the origin's dot in those of the next largest, at least
+SHORTER = 0.75  # of a step: the opposite one, where a dot is missing and the next after it was taken
 NEAR = 0.3  # of the grid's step: largest distance of a dot from where its neighbours predict it
 
 
@@ -122,11 +123,23 @@ def number_dots(pixel: NDArray[np.float64], origin: int) -> dict[int, tuple[int,
 
 def _first_steps(pixel: NDArray[np.float64], origin: int, tree: cKDTree) -> tuple[NDArray, NDArray] | None:
     """Steps (column, row) to the origin's neighbours along +x and +y: those most to the right and most upward among
-    the nearest eight."""
+    the nearest eight; where one is missing, the step from its opposite."""
     _, near = tree.query(pixel[origin], k=9)
     off = pixel[near[1:]] - pixel[origin]
-    right = off[(off[:, 0] > 0) & (abs(off[:, 1]) < 0.7 * off[:, 0])]
-    up = off[(off[:, 1] < 0) & (abs(off[:, 0]) < -0.7 * off[:, 1])]
-    if not len(right) or not len(up):
-        return None
-    return right[np.argmin(np.hypot(*right.T))], up[np.argmin(np.hypot(*up.T))]
+    along_x = _nearest_within(off, np.array([1.0, 0.0]))
+    along_y = _nearest_within(off, np.array([0.0, -1.0]))
+    return None if along_x is None or along_y is None else (along_x, along_y)
+
+
+def _nearest_within(off: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The shortest of ``off`` (n, 2) about the direction ``axis`` (2,), or the shortest about the opposite one, turned
+    round, where that is clearly shorter; None where there is neither."""
+    along, across = off @ axis, np.abs(off @ axis[::-1])
+    found = None
+    for sign in (1.0, -1.0):
+        those = sign * off[across < 0.7 * sign * along]
+        if len(those):
+            shortest = those[np.argmin(np.hypot(*those.T))]
+            if found is None or np.hypot(*shortest) < SHORTER * np.hypot(*found):
+                found = shortest
+    return found
