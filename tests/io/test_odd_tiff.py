@@ -9,6 +9,7 @@ import tifffile
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.recording import image_size, read_image
+from plenopiv.recording.sources import sources_of
 
 COUNTS = np.random.default_rng(1).integers(55, 900, (40, 60)).astype(np.uint16)
 # Codes of tags in a TIFF file's directory.
@@ -54,6 +55,27 @@ def test_an_image_of_several_slices(tmp_path):
     assert "is a volume of 2 slices (image depth), not an image" in refused(spoilt(path, depth=2))
     tifffile.imwrite(path, np.stack([COUNTS] * 2), volumetric=True, tile=(1, 16, 16))
     assert "is a volume of 2 slices (image depth), not an image" in refused(path)
+
+
+def test_a_stack_of_imagej_whose_directory_names_one_image(tmp_path):
+    """As ImageJ writes it above 4 GB: it counted as its first image."""
+    path, stack = tmp_path / "a.tif", np.stack([COUNTS + n for n in range(5)])
+    tifffile.imwrite(path, stack, imagej=True, truncate=True)
+    assert refused(path) == (
+        f"{path}: is a stack of 5 images as ImageJ writes above 4 GB, of which its directory names the first alone; "
+        "save it as separate images, or as a BigTIFF"
+    )
+    tifffile.imwrite(path, stack, imagej=True)
+    assert [int(one.counts().max()) for one in sources_of(path)] == [int(COUNTS.max()) + n for n in range(5)]
+
+
+def test_an_image_with_the_words_of_its_stack_is_one(tmp_path):
+    path = tmp_path / "a.tif"
+    for words in ("ImageJ=1.53t\nimages=5\nslices=5\n", "ImageJ=1.53t\nimages=many\n"):
+        tifffile.imwrite(path, COUNTS, description=words, metadata=None)
+        np.testing.assert_array_equal(read_image(path), COUNTS)
+    tifffile.imwrite(path, COUNTS, imagej=True)
+    np.testing.assert_array_equal(read_image(path), COUNTS)
 
 
 @pytest.mark.parametrize("compression", ["adobe_deflate", "lzw", "zstd", "packbits"])

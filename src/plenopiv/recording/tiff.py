@@ -7,6 +7,7 @@ picture with zeros in it: TIFF readers fill what is missing.
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,7 +34,7 @@ def pages(path: Path) -> int:
     """The number of images in a file.
 
     Raises:
-        PlenoPIVError: no TIFF, or its header cannot be read.
+        PlenoPIVError: no TIFF, its header cannot be read, or a stack of ImageJ of which it names but one image.
     """
     with _file(path) as tif:
         return len(tif.pages)
@@ -94,6 +95,7 @@ def _file(path: Path) -> Iterator[tifffile.TiffFile]:
         try:
             tif = tifffile.TiffFile(path)
             count = len(tif.pages)
+            of_imagej = _of_imagej(tif) if count == 1 else 1
         except Exception as error:
             raise PlenoPIVError(
                 f"{path}: its TIFF header cannot be read, the file is damaged ({brief(error)})"
@@ -101,9 +103,24 @@ def _file(path: Path) -> Iterator[tifffile.TiffFile]:
         with tif:
             if not 0 < count <= MOST_PAGES:
                 raise PlenoPIVError(f"{path}: holds {count} images; copy it again")
+            if of_imagej > 1:
+                raise PlenoPIVError(
+                    f"{path}: is a stack of {of_imagej} images as ImageJ writes above 4 GB, of which its directory "
+                    "names the first alone; save it as separate images, or as a BigTIFF"
+                )
             yield tif
     finally:
         logger.disabled = was_disabled
+
+
+def _of_imagej(tif: tifffile.TiffFile) -> int:
+    """How many images ImageJ says that a file of one page holds, if there are pixels of a second one; else 1."""
+    page = tif.pages.first
+    said = re.search(r"^images=(\d{1,9})\s*$", page.imagej_description or "", re.MULTILINE)
+    if said is None or page.compression != 1:
+        return 1
+    second = min(page.dataoffsets, default=0) + 2 * page.nbytes <= tif.filehandle.size  # else it was cut out of a stack
+    return int(said[1]) if second else 1
 
 
 @contextmanager
