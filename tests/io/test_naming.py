@@ -1,5 +1,7 @@
 """What names of files say, and that nothing which names itself dark, background or white becomes a frame."""
 
+import sys
+
 import numpy as np
 import pytest
 import tifffile
@@ -8,6 +10,7 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.recording import find_frames, natural_order
 from plenopiv.recording.naming import are_pulses, glob_of, looks_like_pairs, role
 from plenopiv.recording.pairs import pairs, sequence
+from plenopiv.recording.sources import only_source
 
 ROLES = {
     "white": ("white.tif", "White_0.tif", "WhiteImage.tif", "calib.tif", "flat_1.png", "run7_white.tif", "white_a.tif"),
@@ -138,3 +141,20 @@ def test_a_pattern_of_folders_takes_none_of_dark_images(folder):
         find_frames(at, "*/*.tif")
     assert len(find_frames(at, "run*/*.tif")) == 2
     assert len(find_frames(at, "dark/*.tif")) == 1
+
+
+@pytest.mark.parametrize("pattern", [".", "./", "/"])
+def test_a_pattern_that_is_a_folder_is_none(folder, pattern):
+    at = folder("f1.tif", "f2.tif")
+    for read in (sequence, pairs):
+        with pytest.raises(PlenoPIVError, match=r"is no file pattern \(it names a folder\); add one, as in \*\.tif"):
+            read(at, pattern)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links need rights on Windows")
+def test_a_link_to_itself_is_told_of_when_it_is_read(folder):
+    at = folder("f1.tif", "f2.tif")
+    (at / "white.tif").symlink_to(at / "white.tif")
+    assert len(find_frames(at, "f*.tif", [at / "white.tif"])) == 2
+    with pytest.raises(PlenoPIVError, match=r"white\.tif: cannot be read"):
+        only_source(at / "white.tif")

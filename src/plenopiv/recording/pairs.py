@@ -146,6 +146,10 @@ def find_frames(folder: Path, pattern: str, leave_out: Path | Sequence[Path] | N
             which the pattern does not spell out.
     """
     files, dataset = formats.split(Path(pattern))
+    if not files.name:  # "." or "/", of which pathlib makes no pattern
+        raise PlenoPIVError(
+            f"recording.frames: {pattern!r} is no file pattern (it names a folder); add one, as in *.tif"
+        )
     glob, inside = str(files), f"{formats.SEPARATOR}{dataset}" if dataset else ""
     try:
         # Path.glob takes no absolute patterns: split off the root.
@@ -155,13 +159,21 @@ def find_frames(folder: Path, pattern: str, leave_out: Path | Sequence[Path] | N
     except (ValueError, NotImplementedError) as error:
         raise PlenoPIVError(f"recording.frames: {pattern!r} is no file pattern ({error})") from None
     others = [leave_out] if isinstance(leave_out, Path) else list(leave_out or ())
-    apart = {other.resolve() for other in others}
+    apart = {_place(other) for other in others}
     named = [Path(f"{path}{inside}") for path in paths]
-    kept = tuple(p for p in named if p.resolve() not in apart)
+    kept = tuple(p for p in named if _place(p) not in apart)
     if not kept:
         raise PlenoPIVError(f"recording.frames: no file matches {pattern!r} in {folder.resolve()}")
     _refuse_other_images(kept, pattern)
     return kept
+
+
+def _place(path: Path) -> Path:
+    """Where a file really lies; of a link to itself, where the link lies: it is told of when it is read."""
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError):  # RuntimeError before Python 3.13
+        return path.absolute()
 
 
 def _refuse_other_images(paths: Sequence[Path], pattern: str) -> None:
