@@ -211,3 +211,9 @@ def test_a_relative_folder_that_begins_with_a_dash(tmp_path, monkeypatch, capsys
     words = shlex.split(printed, comments=True)
     assert words == ["plenopiv", "info", "./-x y/experiment.toml"]
     assert main(words[1:]) == 0
+
+
+@pytest.mark.parametrize("end", ["\u2028", "\u2029"])
+def test_names_that_hold_line_ends_of_other_kinds(drafted, end):
+    experiment, _ = drafted([f"x{end}_1.tif", f"x{end}_2.tif"])
+    assert len(experiment.recording().frames) == 2

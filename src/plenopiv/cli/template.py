@@ -62,8 +62,8 @@ directory = "results"
 
 def filled(**values: Any) -> str:
     """The template with values as TOML writes them, comments in one column."""
-    lines = TEMPLATE.replace("   # ", BEFORE_COMMENT).format(**values).splitlines()  # file names may hold anything else
-    return "\n".join(re.sub(rf"^(\S.*?){BEFORE_COMMENT}", _aligned, line) for line in lines) + "\n"
+    lines = TEMPLATE.replace("   # ", BEFORE_COMMENT).format(**values).split("\n")  # file names may hold anything else
+    return "\n".join(re.sub(rf"^(\S.*?){BEFORE_COMMENT}", _aligned, line) for line in lines)
 
 
 def toml(value: Any) -> str:
