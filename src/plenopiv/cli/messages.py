@@ -26,6 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line (``sys.argv`` by default) and return its exit code."""
     if arguments is None:
         atexit.register(gc.freeze)  # the interpreter's last collection would look at a million objects that end anyway
+    _print_any_text()
     given = terminal.take_flags(list(sys.argv[1:] if arguments is None else arguments))
     with _warnings_in_one_line(), _notes_in_one_line():
         try:
@@ -57,6 +58,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _fail(message: str) -> int:
     return terminal.error(message, 2)
+
+
+def _print_any_text() -> None:
+    """Let stdout write letters that its encoding lacks as escapes, as stderr does; work that is done is told."""
+    change = getattr(sys.stdout, "reconfigure", None)  # notebooks have streams of their own
+    if change is not None:
+        change(errors="backslashreplace")
 
 
 @contextmanager
