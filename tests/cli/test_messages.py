@@ -1,5 +1,6 @@
 """Errors, warnings, exit codes, help, start-up and progress."""
 
+import json
 import os
 import shlex
 import signal
@@ -124,6 +125,26 @@ def test_a_library_that_fails_on_the_way_out_does_not_hide_the_signal(monkeypatc
     finally:
         signal.signal(number, before)
     assert ended == code
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals to catch")
+@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGHUP", 129)])
+def test_the_last_event_of_a_run_that_is_terminated_says_so(monkeypatch, capsys, name, code):
+    import plenopiv.cli.info
+
+    def ended(file):
+        os.kill(os.getpid(), getattr(signal, name))
+        signal.pause()
+
+    monkeypatch.setattr(plenopiv.cli.info, "info", ended)
+    number = getattr(signal, name)
+    before = signal.signal(number, signal.SIG_DFL)  # what started the tests may ignore it
+    try:
+        with pytest.raises(SystemExit, match=str(code)):
+            main(["--json", "info", "any"])
+    finally:
+        signal.signal(number, before)
+    assert json.loads(capsys.readouterr().out) == {"event": "error", "message": "terminated", "exit_code": code}
 
 
 @pytest.mark.parametrize("command", [[], *([name] for name in get_command(app).commands)])

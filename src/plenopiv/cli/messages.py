@@ -43,6 +43,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _fail(f"{error.filename or 'input or output'}: {error.strerror or error}")
         except KeyboardInterrupt:
             code = 130
+        except SystemExit as ended:  # by a signal
+            if terminal.as_json and isinstance(ended.code, int) and ended.code > 128:
+                terminal.error("terminated", ended.code)
+            raise
         except Exception as error:
             usage = getattr(error, "format_message", None)  # a usage error of the command line
             if usage is None:
