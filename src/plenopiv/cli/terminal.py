@@ -53,7 +53,7 @@ class Terminal:
 
     def event(self, kind: str, **facts: Any) -> None:
         """One JSON line on stdout."""
-        print(json.dumps({"event": kind, **facts}, allow_nan=False), flush=True)
+        _print(json.dumps({"event": kind, **facts}, allow_nan=False))
 
     def note(self, message: str) -> None:
         """Print a note, one line on stderr."""
@@ -73,12 +73,15 @@ class Terminal:
             print(f"plenopiv: {coloured('warning:', 'yellow', sys.stderr)} {printable(line)}", file=sys.stderr)
 
     def error(self, message: str, code: int) -> int:
-        """Print an error, one line on stderr; returns the exit code."""
+        """Print an error, one line on stderr; returns the exit code. An event that cannot be written is a line too."""
         line = _one_line(message)
-        if self.as_json:
-            self.event("error", message=line, exit_code=code)
-        else:
-            print(f"plenopiv: {coloured('error:', 'red', sys.stderr)} {printable(line)}", file=sys.stderr)
+        if self.as_json and sys.stdout is not None:
+            try:
+                self.event("error", message=line, exit_code=code)
+                return code
+            except OSError:  # the disk is full, or the reader went away
+                sys.stdout = None  # the interpreter would try again at its end
+        print(f"plenopiv: {coloured('error:', 'red', sys.stderr)} {printable(line)}", file=sys.stderr)
         return code
 
     def result(self, command: str, outcome: Outcome | str) -> int:
@@ -87,8 +90,24 @@ class Terminal:
         if self.as_json:
             self.event("result", command=command, text=ended.text, **ended.facts)
         else:
-            print(ended.text)
+            _print(ended.text)
         return ended.exit_code
+
+
+def _print(text: str) -> None:
+    """Print on stdout at once. Where its disk is full there is no stdout any more: the interpreter would write again at
+    its end, and fail with a traceback.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        sys.stdout = None
+        raise OSError(error.errno, error.strerror, "stdout") from None
 
 
 def _one_line(message: str) -> str:
