@@ -12,7 +12,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from plenopiv.cameras.consistency import contradictions, mismatch
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, printable
 from plenopiv.experiment import changes, in_view, messages, text
 from plenopiv.experiment.compute import ComputeTable
 from plenopiv.experiment.medium import MediumTable, medium_contradictions
@@ -203,8 +203,9 @@ class Experiment(Table):
         """The images, checked to exist and to fit the sensor.
 
         Raises:
-            PlenoPIVError: see ``Recording``.
+            PlenoPIVError: see ``Recording``; or ``dump_toml`` could not name them in the results folder.
         """
+        self._check_names()
         table, folder = self.recording_table, self.folder
         white = None if table.white is None else folder / table.white
         dark = None if table.dark is None else folder / table.dark
@@ -221,6 +222,18 @@ class Experiment(Table):
             frames, pairs = pairs_of(folder, table.pairs, table.stacked, others)
         sensor, dt_s, orientation = self.camera().sensor, table.dt_s, table.orientation
         return Recording(sensor, frames, white, dt_s, orientation, pairs, dark, background, of_frames, mask)
+
+    def _check_names(self) -> None:
+        """Raise PlenoPIVError where the way from the results to the images is no UTF-8, in which TOML is written."""
+        try:
+            way = os.path.relpath(os.path.realpath(self.folder), os.path.realpath(self.output_directory))
+        except ValueError:  # another drive
+            return
+        if any("\ud800" <= letter <= "\udfff" for letter in way):  # bytes of another encoding
+            raise PlenoPIVError(
+                f"{self._path}: a folder between it and output.directory has a name that is no UTF-8 "
+                f"({printable(way)}); rename it, or take an output.directory beside the experiment file"
+            )
 
     def changed(self, **keys: Any) -> Experiment:
         """A copy with other keys, checked as a file is: ``experiment.changed(windows=[[64, 64, 16]], overlap=0.75)``.

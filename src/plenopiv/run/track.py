@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plenopiv.chain import Chain
-from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
 from plenopiv.experiment.tracking_table import TrackingTable
 from plenopiv.io.aside import told_of
@@ -288,9 +288,14 @@ def _tracks(
         "Conventions": "CF-1.11",
         "title": "Particles and their tracks",
         "quality": quality,
-        "frames": [f"{k}: {recording.names[k]}" for k in numbers],
+        "frames": stated_frames(recording.names, numbers),
     }
     return tracks
+
+
+def stated_frames(names: Sequence[str], numbers: Sequence[int]) -> list[str]:
+    """Frames by number and name as an attribute states them: HDF5 takes UTF-8 alone, names of files may be others."""
+    return [f"{k}: {printable(names[k])}" for k in numbers]
 
 
 def _tell_memory(tracker: FrameTracker, pool: Pool | None) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 import plenopiv
 from plenopiv.displacement.resolution import effective_window
+from plenopiv.errors import printable
 from plenopiv.experiment import Experiment
 from plenopiv.io.aside import told_of
 from plenopiv.io.netcdf import read_velocity
@@ -33,8 +34,8 @@ Record = Mapping[str, Any]  # of a pair, as the manifest has it (``PairRecord``)
 
 
 def source(experiment: Experiment) -> str:
-    """What fields say that they come from."""
-    return f"PlenoPIV {plenopiv.__version__}, {experiment.path.name}"
+    """What fields say that they come from: an attribute, which HDF5 takes as UTF-8 alone."""
+    return f"PlenoPIV {plenopiv.__version__}, {printable(experiment.path.name)}"
 
 
 def summary_of(
