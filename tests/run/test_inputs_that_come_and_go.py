@@ -129,3 +129,16 @@ def test_a_job_that_sets_a_pair_aside_ends_with_3(recorded_pairs, capsys):
     frame.write_bytes(frame.read_bytes()[:2000])
     assert main(["run", str(recorded_pairs / "experiment.toml"), "--pairs", "1-1"]) == 3
     assert "1 of 1 pairs set aside:" in capsys.readouterr().out
+
+
+def test_jobs_in_a_folder_that_is_complete_tell_of_their_pairs_alone(recorded_pairs, tmp_path, capsys):
+    frame, file = recorded_pairs / "p1_b.tif", str(recorded_pairs / "experiment.toml")
+    frame.write_bytes(frame.read_bytes()[:2000])
+    assert main(["run", file]) == 3
+    capsys.readouterr()
+    assert main(["run", file, "--pairs", "0-0"]) == 0
+    assert capsys.readouterr().out == "2 of 2 pairs are finished and put together\n"
+    for path in (tmp_path / "aside").iterdir():
+        shutil.move(path, recorded_pairs)
+    assert main(["run", file, "--pairs", "0-0"]) == 0
+    assert capsys.readouterr().out.startswith("2 of 3 pairs are finished; plenopiv run ")

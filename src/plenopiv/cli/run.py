@@ -49,7 +49,8 @@ def run(
         )
     if chosen is not None:
         (done, count), aside = result.measured, result.summary["set_aside"]
-        text = f"{done} of {count} pairs are finished; {command_line('run', file)} puts them together"
+        then = " and put together" if result.is_together else f"; {command_line('run', file)} puts them together"
+        text = f"{done} of {count} pairs are finished{then}"
         lines = [*set_aside(aside, min(chosen[1] + 1, count) - chosen[0]), text]
         return Outcome("\n".join(lines), {"finished": done, "pairs": count}, SET_ASIDE if aside else 0)
     return told(result)

@@ -50,7 +50,8 @@ log = logging.getLogger("plenopiv")
 @dataclass(frozen=True)
 class RunResult:
     """What ``summary.json`` holds of a run, and where all is. ``measured``: how many pairs are finished of how many;
-    with ``run(pairs=...)`` there is no more than that, and no field yet."""
+    with ``run(pairs=...)`` there is no more than that and which of these pairs were set aside, and no field, unless an
+    earlier run has put all together."""
 
     summary: dict[str, Any]
     directory: Path
@@ -62,6 +63,11 @@ class RunResult:
         return (
             f"<RunResult {self.directory}: {done} of {pairs} pairs, {vectors} vectors, {100 * replaced:.2g} % replaced>"
         )
+
+    @property
+    def is_together(self) -> bool:
+        """Whether the results are those of all pairs."""
+        return "vectors" in self.summary and self.measured[0] == self.measured[1]
 
     @cached_property
     def velocity(self) -> xarray.Dataset:
@@ -141,7 +147,9 @@ def run(
         folder.settle(inputs)
         keep_unchanged(folder, recording)
         if folder.is_complete and all(number in folder.finished for number in wanted):
-            return RunResult(summary_there(folder), folder.directory, (len(recording.pairs), len(recording.pairs)))
+            there = summary_there(folder)
+            there["set_aside"] = [each for each in there["set_aside"] if each["pair"] in wanted]
+            return RunResult(there, folder.directory, (folder.recorded(), len(recording.pairs)))
         left = [number for number in wanted if number not in folder.finished]
         frames = len({k for number in left for k in recording.pairs[number]})
         if pool is None or pool.workers.count:  # a scheduler's workers are other machines
