@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 from collections.abc import Callable, Sequence
 from math import prod, radians
@@ -299,10 +300,22 @@ class Experiment(Table):
                 except ValueError:  # another drive
                     return str((here / name).resolve())
 
+            def moved_pattern(pattern: str) -> str:
+                """Names of folders in front of a pattern stay names, whatever letters they hold."""
+                escaped = Path(glob.escape(str(here))) / pattern
+                try:
+                    return Path(os.path.relpath(escaped, glob.escape(str(there)))).as_posix()
+                except ValueError:  # another drive
+                    return str(escaped)
+
             recording, output = tables["recording"], tables["output"]
-            for key in ("white", "frames", "pairs", "dark"):
+            for key in ("white", "dark"):
                 if key in recording:
-                    recording[key] = _each(recording[key], moved)
+                    recording[key] = moved(recording[key])
+            for key in ("frames", "pairs"):
+                if key in recording:
+                    is_pattern = isinstance(recording[key], str)
+                    recording[key] = moved_pattern(recording[key]) if is_pattern else _each(recording[key], moved)
             if recording["background"] not in ("none", "minimum"):
                 recording["background"] = _each(recording["background"], moved)
             if isinstance(self.recording_table.mask, str):

@@ -117,7 +117,7 @@ def _partners(folder: Path, pattern: str, leave_out: Sequence[Path]) -> list[tup
 def _wildcards(pattern: str) -> Callable[[Path, Path], tuple[str, ...]]:
     """A function that says what the wildcards of a pattern stand for in a path below a folder."""
     parts = re.split(r"(\*\*/|\*|\?|\[[^\]]*\])", Path(pattern).as_posix())
-    said = {"**/": "((?:.*/)?)", "*": "([^/]*)", "?": "([^/])"}
+    said = {"**/": "((?:.*/)?)", "*": "([^/]*)", "?": "([^/])", "[[]": r"(\[)"}  # the last: of glob.escape
     expression = "".join(
         said.get(part, f"({part.replace('[!', '[^')})" if part.startswith("[") and n % 2 else re.escape(part))
         for n, part in enumerate(parts)
