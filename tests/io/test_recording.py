@@ -1,7 +1,9 @@
 """Images: what is read, and the one line that each bad file gets. No missing strip may turn into zeros."""
 
+import os
 import struct
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -93,6 +95,19 @@ def test_a_missing_file_a_folder_and_an_empty_file(tmp_path):
     empty = tmp_path / "empty.tif"
     empty.touch()
     assert "is empty (0 bytes)" in refused(empty)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
+def test_a_pipe_is_not_waited_for(tmp_path):
+    pipe = tmp_path / "a.tif"
+    os.mkfifo(pipe)
+    writer = os.open(pipe, os.O_RDWR)  # who opens it does not wait, and reads these
+    os.write(writer, b"II*\0" + bytes(12))
+    try:
+        assert "a.tif: is a pipe or a device; copy the image into a file" in refused(pipe)
+        assert "is a pipe" in refused(Path("/dev/null"))
+    finally:
+        os.close(writer)
 
 
 @pytest.mark.parametrize("name", ["a.tif", "a.png", "a.npy", "a.h5"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -232,6 +233,9 @@ def image_size(path: Path) -> tuple[int, int]:
 
 def _check_readable(path: Path) -> None:
     try:
+        mode = path.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # opening a pipe waits for whoever writes into it
+            raise PlenoPIVError(f"{path}: is a pipe or a device; copy the image into a file")
         with path.open("rb") as file:
             start = file.read(8)
     except FileNotFoundError:
