@@ -5,6 +5,7 @@ import pytest
 from particle_scenes import CAMERA, GAIN, noisy, pixels_of, seeded
 from scipy.sparse import bsr_array
 
+from plenopiv.tracking import covariance
 from plenopiv.tracking.covariance import covariance_among
 from plenopiv.tracking.evidence import LEAST, doubtful, errors_of, lowers, without_evidence
 from plenopiv.tracking.light import PointLights, prior_std_mm
@@ -62,6 +63,22 @@ def test_of_a_group_that_is_bright_one_goes_after_the_other():
 def test_all_that_is_told_stays():
     assert left_of(PLACE, [1.0, 1.0], 2) == [0, 1]
     assert LEAST > 18.5  # chi^2 of four degrees of freedom is above that once in a thousand
+
+
+def test_many_weak_particles_are_judged_an_area_at_a_time(monkeypatch):
+    """To the same end as all at once, those about an area being known."""
+    rng, truth = np.random.default_rng(4), seeded(0.5)
+    place, bright = truth.position_mm, GAIN * truth.electrons
+    pixels = pixels_of(noisy(place, truth.electrons))
+    seconds = place + rng.normal(0.0, (2e-3, 2e-3, 1e-2), place.shape)
+    position, light = np.concatenate([place, seconds]), np.concatenate([0.4 * bright, 0.6 * bright])
+    fit = refine(OF_POINTS, pixels, position, light, Prior(position, prior_std_mm(CAMERA)), 0)
+    judged = errors_of(fit, pixels.usable)
+    whole = [without_evidence(fit, *judged, swarms=swarms) for swarms in (False, True)]
+    assert whole[0].sum() > 10
+    monkeypatch.setattr(covariance, "TOGETHER", 10)
+    for swarms in (False, True):
+        np.testing.assert_array_equal(without_evidence(fit, *judged, swarms=swarms), whole[swarms])
 
 
 def test_who_lacks_evidence_is_doubtful_and_most_others_are_not():

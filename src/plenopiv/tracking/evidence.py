@@ -89,21 +89,24 @@ def without_evidence(
     if not weak.any():
         return weak
     few = np.flatnonzero(weak)
-    normal = fit.normal(few if which is None else which[few])
-    row = np.repeat(np.arange(len(few)), np.diff(normal.indptr))
-    both, own = np.flatnonzero(row != normal.indices), np.flatnonzero(row == normal.indices)
-    i, j = row[both], normal.indices[both]
-    of_each = np.einsum("nii->ni", normal.data[own])  # 0 of a light in no usable pixel
-    blocks, scale = normal.data[both], np.sqrt(np.maximum(of_each, np.finfo(np.float32).tiny))
-    common = (blocks / scale[i][:, :, None] / scale[j][:, None, :]) ** 2
-    strong = common.sum((1, 2)) > COUPLED
-    out = weak.copy()
-    i, j = few[i[strong]], few[j[strong]]
-    stays = (evidence[i] > evidence[j]) | ((evidence[i] == evidence[j]) & (i > j))
-    out[i[stays]] = False
-    if swarms:
-        alone = covariance_among(normal, np.arange(len(few)), 0)
-        out[few[lowers(alone, misfits[few]) < LEAST]] = True
+    numbers, out, gone = few if which is None else which[few], weak.copy(), np.zeros(len(weak), bool)
+    for _, near, own, lights in with_those_about(fit, numbers):
+        normal, at = fit.normal(near, lights), few[np.searchsorted(numbers, near)]
+        row = np.repeat(np.arange(len(near)), np.diff(normal.indptr))
+        others, diagonal = row != normal.indices, np.flatnonzero(row == normal.indices)
+        both = np.flatnonzero(others & np.isin(row, own))
+        i, j = row[both], normal.indices[both]
+        of_each = np.einsum("nii->ni", normal.data[diagonal])  # 0 of a light in no usable pixel
+        blocks, scale = normal.data[both], np.sqrt(np.maximum(of_each, np.finfo(np.float32).tiny))
+        common = (blocks / scale[i][:, :, None] / scale[j][:, None, :]) ** 2
+        strong = common.sum((1, 2)) > COUPLED
+        i, j = at[i[strong]], at[j[strong]]
+        stays = (evidence[i] > evidence[j]) | ((evidence[i] == evidence[j]) & (i > j))
+        out[i[stays]] = False
+        if swarms:
+            alone, mine = covariance_among(normal, own, 0), at[own]
+            gone[mine[lowers(alone, misfits[mine]) < LEAST]] = True
+    out |= gone
     return out
 
 
