@@ -126,7 +126,7 @@ def _tracked(folder: Path) -> dict[str, Any]:
 def _timed(
     work: Callable, stage: str, passed: dict[str, float], processor: dict[str, float], peaks: dict[str, float]
 ) -> Callable:
-    """``work`` with its seconds added to those of its stage, and the process' largest memory after it."""
+    """``work`` with its seconds added to those of its stage, and the process' largest memory by then."""
 
     def run(*args: Any, **named: Any) -> Any:
         began, worked = time.perf_counter(), time.process_time()
@@ -135,7 +135,7 @@ def _timed(
         finally:
             passed[stage] += time.perf_counter() - began
             processor[stage] += time.process_time() - worked
-            peaks[stage] = peak_so_far() or 0.0
+            peaks[stage] = peaks[stage] or peak_so_far() or 0.0
 
     return run
 
