@@ -181,10 +181,8 @@ def test_a_damaged_one_is_refused_and_stays(folder, made):
     assert (folder / "calibration.toml").read_text() == "[inputs]\n"
 
 
-def test_a_results_folder_finds_the_one_beside_the_experiment(folder, made):
-    """Where the target's images are in a folder of their own."""
-    experiment, recording = opened(folder)
-    target.target_calibration(experiment, recording)
+def found_by_results(folder, experiment, made):
+    """The experiment as a results folder states it, which finds the calibration and writes none of its own."""
     results = folder / "results"
     results.mkdir()
     (results / "experiment.toml").write_text(experiment.dump_toml(results))
@@ -192,6 +190,14 @@ def test_a_results_folder_finds_the_one_beside_the_experiment(folder, made):
     assert exactly(target.target_calibration(again, again.recording())) == exactly(calibrated())
     assert len(made) == 1
     assert [path.name for path in results.iterdir()] == ["experiment.toml"]
+    return again
+
+
+def test_a_results_folder_finds_the_one_beside_the_experiment(folder, made):
+    """Where the target's images are in a folder of their own."""
+    experiment, recording = opened(folder)
+    target.target_calibration(experiment, recording)
+    found_by_results(folder, experiment, made)
 
 
 def test_a_results_folder_finds_the_one_beside_the_images(folder, made):
@@ -200,13 +206,7 @@ def test_a_results_folder_finds_the_one_beside_the_images(folder, made):
     planes = [{"image": name.replace("/", "_"), "z_mm": float(k)} for k, name in enumerate(IMAGES)]
     experiment, recording = opened(folder, planes=planes)
     target.target_calibration(experiment, recording)
-    results = folder / "results"
-    results.mkdir()
-    (results / "experiment.toml").write_text(experiment.dump_toml(results))
-    again = Experiment.load(results / "experiment.toml")
-    assert exactly(target.target_calibration(again, again.recording())) == exactly(calibrated())
-    assert len(made) == 1
-    assert [path.name for path in results.iterdir()] == ["experiment.toml"]
+    again = found_by_results(folder, experiment, made)
     write(folder / "middle.tif", 99)
     target.target_calibration(again, again.recording())
     assert len(made) == 2

@@ -194,11 +194,12 @@ def _check_agreement(planes: Sequence[PlaneResidual], others_um: Sequence[ArrayL
 def _compare_with_sheet(optics: OpticsFit, stated: Mapping[str, float]) -> None:
     """Warn of figures that are far from the ``stated`` ones, by their names: a wrong pitch of the dots, or steps of the
     traverse, look like another camera."""
-    far = {name: by for name, by in optics.off_sheet.items() if by > OFF_SHEET and name in stated}
-    for name, by in far.items():
-        warnings.warn(
-            f"calibration: by the dots {name} is {optics.values[name]:.4g}, {by:.0f} standard deviations of such a "
-            f"figure from the {stated[name]:.4g} that is stated; check calibration.pitch_mm, z_mm and the figure",
-            PlenoPIVWarning,
-            stacklevel=3,
-        )
+    for name, figure in stated.items():
+        if optics.off_sheet[name] > OFF_SHEET:
+            warnings.warn(
+                f"calibration: by the dots {name} is {optics.values[name]:.4g}, {optics.off_sheet[name]:.0f} standard "
+                f"deviations of such a figure from the {figure:.4g} that is stated; check calibration.pitch_mm, z_mm "
+                "and the figure",
+                PlenoPIVWarning,
+                stacklevel=3,
+            )
