@@ -5,16 +5,17 @@ reconstructed ones, which shows what its windows resolve; two plenoptic cameras 
 paper's settings; Tomo-PIV of the light field's particles in windows of the same size. All but the fourth are correlated
 once more with sub-window averaging.
 
-Cases that are not of today's program are measured, or those named after --only, one after the other: ended and called
-again it goes on. Writes results/comparison.json, its table results/comparison.md, and figures to docs/images/paper
-(comparison-full of the full size, and what they show to results/fields); fields, with the DNS beside them, to
-build/comparison.
+Cases that are not of today's program are measured, or those named after --only, one after the other. Ended and called
+again it goes on: volumes are kept in build/comparison until all their fields are measured. Writes
+results/comparison.json, its table results/comparison.md, and figures to docs/images/paper (comparison-full of the full
+size, and what they show to results/fields); fields, with the DNS beside them, to build/comparison.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import pickle
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -37,6 +38,7 @@ from comparison_tables import inside, vorticity
 from lightfield_case import Measured, Reconstructed
 from outputs import table, three
 
+from plenopiv.io.aside import written_aside
 from plenopiv.io.netcdf import write_velocity
 from plenopiv.run.memory import peak_so_far
 from plenopiv.simulation.flows import flow
@@ -76,21 +78,38 @@ def reconstructed(name: str, setting: Comparison) -> Reconstructed:
     return tomo_case.reconstruct_tomo(setting.matched, jet, particles, SEED)
 
 
-def case(name: str, setting: Comparison, fields: Path) -> dict[str, dict[str, Any]]:
-    """Measure, score, and write the fields with the window mean of the DNS as u_true, v_true, w_true and ``judged``.
-    Results by the names of TITLES."""
-    volumes = reconstructed(name, setting)
-    judge = Judge(flow("jet", at_mm=setting.jet_at_mm), volumes.setting.judged_mm)
-    found = {name: scored(name, volumes.correlated(), judge, setting, fields)}
-    if volumes.setting.inner_window is not None:
-        again = volumes.correlated(volumes.setting.inner_window)
-        found[f"{name}_inner"] = scored(f"{name}_inner", again, judge, setting, fields)
-    return found
+def fields_of(name: str) -> tuple[str, ...]:
+    """The TITLES that one of MEASUREMENTS gives: with the setting's windows, and with sub-windows where it has any."""
+    return tuple(title for title in (name, f"{name}_inner") if title in TITLES)
 
 
-def scored(name: str, result: Measured, judge: Judge, setting: Comparison, fields: Path) -> dict[str, Any]:
-    """What is told of one field; it is written."""
-    peak = peak_so_far()
+def kept(name: str, setting: Comparison, file: Path) -> tuple[Reconstructed, float | None]:
+    """The volumes of one of MEASUREMENTS and the largest memory, bytes, that they took; of a ``file`` where it is
+    there, and into it where it is not."""
+    if file.exists():
+        with file.open("rb") as stream:
+            return pickle.load(stream)  # type: ignore[no-any-return]
+    made = reconstructed(name, setting), peak_so_far()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with written_aside(file) as aside, aside.open("wb") as stream:
+        pickle.dump(made, stream)
+    return made
+
+
+def case(title: str, setting: Comparison, fields: Path, volumes: Path) -> dict[str, Any]:
+    """Measure one of TITLES from volumes that are kept in a file, score it, and write the field with the window mean of
+    the DNS as u_true, v_true, w_true and ``judged``."""
+    made, before = kept(title.removesuffix("_inner"), setting, volumes)
+    judge = Judge(flow("jet", at_mm=setting.jet_at_mm), made.setting.judged_mm)
+    result = made.correlated(made.setting.inner_window if title.endswith("_inner") else None)
+    return scored(title, result, judge, setting, fields, before)
+
+
+def scored(
+    name: str, result: Measured, judge: Judge, setting: Comparison, fields: Path, before: float | None
+) -> dict[str, Any]:
+    """What is told of one field; it is written. ``before``: memory, bytes, that its volumes took."""
+    peak = max((each for each in (before, peak_so_far()) if each is not None), default=None)
     told, true = judge.score(result)
     dims = ("z", "y", "x")
     field = result.field.assign({f"{c}_true": (dims, v, {"units": "m s-1"}) for c, v in zip("uvw", true, strict=True)})
@@ -150,20 +169,27 @@ def main(size: str, out: Path = ROOT, isolated: bool = True, only: tuple[str, ..
     earlier = json.loads(file.read_text()) if file.exists() else {"size": None}
     cases = dict(earlier["cases"]) if earlier["size"] == size else {}
     today = fresh.stamp(ROOT / "paper" / "results" / f"{stem}.json")
-    only = only or tuple(name for name in MEASUREMENTS if cases.get(name, {}).get("made_with") != today)
+    only = only or tuple(
+        name
+        for name in MEASUREMENTS
+        if any(cases.get(title, {}).get("made_with") != today for title in fields_of(name))
+    )
     for name, line in announced(setting, only).items():
         print(f"{TITLES[name]}: {line}", flush=True)
     target.mkdir(parents=True, exist_ok=True)
     for name in only:
-        work = partial(case, name, setting, fields)
-        found = in_a_process(work) if isolated else work()
-        for title, told in found.items():
+        volumes = fields / f"{setting.name}-{name}-{today}.volumes"
+        for title in fields_of(name):
+            if cases.get(title, {}).get("made_with") == today and volumes.exists():
+                continue  # measured, and then it was ended
+            work = partial(case, title, setting, fields, volumes)
+            told = in_a_process(work) if isolated else work()
             print(f"{TITLES[title]}: {json.dumps(told['errors']['window_mean']['all'])}", flush=True)
             cases[title] = told | {"made_with": today}
-        if size == "full":
-            for title in found.keys() & set(comparison_figures.DRAWN):
+            if size == "full" and title in comparison_figures.DRAWN:
                 comparison_figures.keep(fields, setting, title, target / "fields")
-        file.write_text(json.dumps({"size": size, "jet_m_s": JET_M_S, "cases": cases}, indent=1) + "\n")
+            file.write_text(json.dumps({"size": size, "jet_m_s": JET_M_S, "cases": cases}, indent=1) + "\n")
+        volumes.unlink(missing_ok=True)
     if set(cases) == set(TITLES):
         results = json.loads(file.read_text())
         (target / f"{stem}.md").write_text(tables(results))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING
 
@@ -128,9 +129,9 @@ def windows_seen(
     return in_y[:, :, None] & in_x[:, None, :]
 
 
-def seen_by(camera: PlenopticCamera) -> Callable[[xr.Dataset, NDArray[np.float64]], NDArray[np.bool_]]:
-    """``windows_seen`` of a field and half a window."""
-    return lambda field, half_mm: windows_seen(camera, (field.x.values, field.y.values, field.z.values), half_mm)
+def seen_of_field(camera: PlenopticCamera, field: xr.Dataset, half_mm: NDArray) -> NDArray[np.bool_]:
+    """``windows_seen`` of the vectors of a field."""
+    return windows_seen(camera, (field.x.values, field.y.values, field.z.values), half_mm)
 
 
 def exact_pair(setting: LightFieldSetting, particles: Frames, clock: Clock) -> list[SparseVolume]:
@@ -149,7 +150,7 @@ def exact_volumes(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> 
     clock, particles, camera = Clock(), seeded(setting, flow, seed), camera_of(setting)
     chain = Chain((camera,), setting.grid, ReconstructionSettings(focus_reach=0.0))  # no plane near focus is weaker
     a, b = exact_pair(setting, particles, clock)
-    return Reconstructed(setting, chain, seen_by(camera), particles, (a, b), a.occupancy, clock)
+    return Reconstructed(setting, chain, partial(seen_of_field, camera), particles, (a, b), a.occupancy, clock)
 
 
 def reconstruct_light_field(setting: LightFieldSetting, flow: Velocity, seed: int = 0) -> Reconstructed:
@@ -165,5 +166,5 @@ def reconstruct_light_field(setting: LightFieldSetting, flow: Velocity, seed: in
         frames.append(chain.reconstruct([counts]))
         clock.lap("reconstruction")
     a, b = (frame.volume for frame in frames)
-    about = setting, chain, seen_by(camera), particles, (a, b), frames[0].candidates, clock
+    about = setting, chain, partial(seen_of_field, camera), particles, (a, b), frames[0].candidates, clock
     return Reconstructed(*about, tuple(images))

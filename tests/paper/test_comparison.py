@@ -289,3 +289,25 @@ def test_an_isosurface_is_closed_and_points_outward():
 
 def test_sizes_go_by_their_names():
     assert list(SIZES) == ["full", "reduced", "tiny"]
+
+
+def test_a_comparison_that_was_ended_goes_on(tiny, tmp_path, monkeypatch):
+    """After the first field of two it goes on with the volumes that are kept, to the same numbers."""
+    _, cases = tiny
+    measured = comparison.case
+
+    def ended(title, *rest):
+        if title.endswith("_inner"):
+            raise KeyboardInterrupt
+        return measured(title, *rest)
+
+    monkeypatch.setattr(comparison, "case", ended)
+    with pytest.raises(KeyboardInterrupt):
+        comparison.main("tiny", tmp_path, isolated=False, only=("light_field",))
+    assert len(list((tmp_path / "build/comparison").glob("*.volumes"))) == 1
+    monkeypatch.setattr(comparison, "case", measured)
+    monkeypatch.setattr(comparison, "reconstructed", None)  # not called again
+    again = comparison.main("tiny", tmp_path, isolated=False, only=("light_field",))
+    assert not list((tmp_path / "build/comparison").glob("*.volumes"))
+    for title in ("light_field", "light_field_inner"):
+        assert again[title]["errors"] == cases[title]["errors"]
