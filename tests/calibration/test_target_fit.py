@@ -21,7 +21,7 @@ from plenopiv.calibration.target.optics_fit import fit_optics
 from plenopiv.cameras.lens_space import images_of
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import LensRim, MainLens, PlenopticCamera
-from plenopiv.cameras.ray_model import RayModel
+from plenopiv.cameras.ray_model import RayModel, on_disc
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
@@ -114,6 +114,29 @@ def test_residuals_are_the_noise_and_left_out_ones_more(fitted):
     assert (rms < 1.1 * in_fluid).all()
     assert (rms > 0.7 * in_fluid).all()
     assert (left_out > rms).all()
+
+
+@pytest.mark.parametrize("reading_mm", [120.0, -120.0])
+def test_a_traverse_may_have_its_zero_anywhere(fitted, reading_mm):
+    """The same optics, and the same rays of the same dots, whatever the traverse reads in focus."""
+    dots, at_focus = fitted
+    far = replace(dots, laboratory_mm=dots.laboratory_mm + np.array([0.0, 0.0, reading_mm]))
+    found = fit_optics(far, lens_space(), WATER)
+    np.testing.assert_allclose(found.residual_mm, at_focus.residual_mm, atol=1e-5)
+    np.testing.assert_allclose(found.left_out_mm, at_focus.left_out_mm, atol=1e-5)
+    aperture = on_disc(9.0, 5)
+    for here, there in zip(
+        found.model.trace(far.laboratory_mm, aperture), at_focus.model.trace(dots.laboratory_mm, aperture), strict=True
+    ):
+        np.testing.assert_allclose(here, there, atol=2e-5)
+    moved = {"x_mm", "y_mm", "fluid_mm"}
+    for name, value in at_focus.values.items():
+        if name not in moved:
+            assert found.values[name] == pytest.approx(value, abs=0.01 * at_focus.std[name]), name
+            assert found.std[name] == pytest.approx(at_focus.std[name], rel=1e-3), name
+    assert found.values["fluid_mm"] == pytest.approx(at_focus.values["fluid_mm"] + reading_mm, abs=2e-3)
+    tilt = found.std["turn_y_rad"] * abs(reading_mm)  # turned about the zero, which is far
+    assert found.std["x_mm"] == pytest.approx(tilt, rel=0.2)
 
 
 def test_too_few_dots():

@@ -13,6 +13,7 @@ from plenopiv.calibration.target.board import Board, TargetImage
 from plenopiv.calibration.target.calibrated import calibrate_target
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
+from plenopiv.cameras.ray_model import on_disc
 from plenopiv.cli import main
 from plenopiv.experiment import Experiment
 from plenopiv.io import read_velocity
@@ -141,6 +142,19 @@ def test_a_flow_is_measured_in_the_frame_of_the_target(tank, tmp_path, monkeypat
         assert np.sqrt((error**2).mean()) < 0.15, name
     slope, _ = np.polyfit(exact[0], field["u"].values.ravel(), 1)
     assert slope == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_traverse_whose_zero_is_far_from_focus(tank, own):
+    """Behind the camera even: the same rays, from places whose z is the traverse's."""
+    planes = [{"image": f"target_{k:02d}.tif", "z_mm": z - 210.0} for k, z in enumerate(DEPTHS_MM)]
+    file = own(planes=planes)
+    assert main(["--quiet", "calibrate", str(file)]) == 0
+    (near, _), (far, _) = (load_calibration(folder / "calibration.toml") for folder in (tank, file.parent))
+    places = np.array([[0.0, 0.0, 0.0], [0.6, -0.5, 2.4], [-0.6, 0.5, -2.4]])
+    aperture = on_disc(8.0, 9)
+    expected, found = near.model.trace(places, aperture), far.model.trace(places - [0.0, 0.0, 210.0], aperture)
+    np.testing.assert_allclose(found[0], expected[0], atol=1e-3)
+    assert far.values["fluid_mm"] == pytest.approx(near.values["fluid_mm"] - 210.0, abs=0.05)
 
 
 def test_planes_in_another_order_than_the_images(own, one_line):

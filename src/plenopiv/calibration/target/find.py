@@ -68,7 +68,8 @@ def _depth(lightfield: LightField, reach_mm: float) -> float:
     x, y = image_axes(layout.camera)
 
     def contrast(z: float) -> float:
-        return float(np.nanvar(refocused(lightfield, z, x, y, views)))
+        picture = refocused(lightfield, z, x, y, views)
+        return float(np.nanvar(picture)) if np.isfinite(picture).any() else 0.0
 
     coarse = np.arange(-reach_mm, reach_mm + step, (far - near) / 2)
     best = float(coarse[np.argmax([contrast(z) for z in coarse])])

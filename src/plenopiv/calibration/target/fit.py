@@ -21,7 +21,8 @@ from plenopiv.calibration.target.numbering import numbered, on_grid
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lightfield import Layout, decode
 
-MARGIN = 1.3  # of the traverse's travel, over which the target is searched
+MARGIN = 1.3  # times the traverse's readings, how far from focus the target is searched
+FARTHEST = 0.25  # of the object distance: farther from focus no dot is told from its neighbours
 OUTLIER = 6.0  # standard deviations beyond which a dot is left out
 SAMPLE = 24  # dots of a plane whose width is fitted
 WIDER, MOST_WIDER = 0.02, 3.0  # step of that fit, and how many it may go
@@ -72,8 +73,9 @@ def measure_dots(
             are all at one z or out of order.
     """
     _check_planes(images)
-    travel = float(np.ptp([image.z_mm for image in images]))
-    reach = MARGIN * max(travel, max(abs(image.z_mm) for image in images)) / (2 if travel else 1) + 1.0
+    readings = [image.z_mm for image in images]
+    largest = max(np.ptp(readings), np.abs(readings).max())
+    reach = min(MARGIN * float(largest) + 1.0, FARTHEST * layout.camera.main_lens.object_distance_mm)
     spots: list[Spots] = []
     fits: list[DotImages] = []
     first: list[DotFit] = []

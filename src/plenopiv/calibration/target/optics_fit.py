@@ -16,7 +16,7 @@ from plenopiv.calibration.target.fit import Dots
 from plenopiv.cameras.lens_space import images_of
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.cameras.ray_model import OFFSET_POWERS, RayModel
+from plenopiv.cameras.ray_model import OFFSET_POWERS, RayModel, rotation
 from plenopiv.errors import PlenoPIVError
 
 NAMES = (
@@ -59,12 +59,13 @@ class OpticsFit:
 
 def fit_optics(dots: Dots, camera: PlenopticCamera, medium: Medium | None) -> OpticsFit:
     """The optics that the ``dots`` show. ``camera``: that of the lens space in which they were measured. ``medium``: as
-    the file states it, None where it says nothing.
+    the file states it, from the plane in focus, None where it says nothing. A traverse may have its zero anywhere.
 
     Raises:
         PlenoPIVError: the dots do not determine the optics.
     """
-    problem = _Problem.of(camera, medium)
+    problem, in_focus = _Problem.of(camera, medium), _in_focus(dots)
+    dots = replace(dots, laboratory_mm=dots.laboratory_mm - [0.0, 0.0, in_focus])
     used = dots.whole.copy()
     if used.sum() < 2 * len(NAMES):
         raise PlenoPIVError(
@@ -86,9 +87,12 @@ def fit_optics(dots: Dots, camera: PlenopticCamera, medium: Medium | None) -> Op
         others = problem.solve(dots.where(there), start).x
         left_out[here] = problem.in_laboratory(others, dots.where(here))
         without[plane] = np.sqrt((problem.in_laboratory(others, dots.where(there)) ** 2).mean(0))
-    covariance = np.linalg.inv(found.jac.T @ found.jac)
+    of_sheet = np.abs(start - problem.stated) / problem.deviation
+    residual, misses = problem.in_laboratory(start, dots), problem.scaled(start, dots.where(used))
+    start, turned = _from_the_traverse_s_zero(start, in_focus)
+    covariance = turned @ np.linalg.inv(found.jac.T @ found.jac) @ turned.T
     degrees = max(1, 3 * int(used.sum()) - len(NAMES))
-    misfit = max(1.0, float((problem.scaled(start, dots.where(used)) ** 2).sum()) / degrees)
+    misfit = max(1.0, float((misses**2).sum()) / degrees)
     names = NAMES[:LENGTHS]
     values = dict(zip(names, start.tolist(), strict=False))
     std = dict(zip(names, np.sqrt(np.diag(covariance) * misfit).tolist(), strict=False))
@@ -96,18 +100,40 @@ def fit_optics(dots: Dots, camera: PlenopticCamera, medium: Medium | None) -> Op
     slope = np.array([si / f**2, -1 / f])
     values["magnification"] = 1 - si / f
     std["magnification"] = float(np.sqrt(slope @ covariance[:2, :2] @ slope * misfit))
-    beyond = np.abs(start - problem.stated) / problem.deviation
     return OpticsFit(
         problem.model(start),
         values,
         std,
         covariance * misfit,
-        problem.in_laboratory(start, dots),
+        residual,
         left_out,
         without,
         used,
-        {name: float(beyond[NAMES.index(name)]) for name in OF_SHEET},
+        {name: float(of_sheet[NAMES.index(name)]) for name in OF_SHEET},
     )
+
+
+def _in_focus(dots: Dots) -> float:
+    """The traverse's reading, mm, of what is in focus."""
+    return float(np.polyfit(dots.lens_mm[dots.whole, 2], dots.laboratory_mm[dots.whole, 2], 1)[1])
+
+
+def _from_the_traverse_s_zero(
+    parameters: NDArray[np.float64], in_focus_mm: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Parameters that hold with z from the plane in focus, as they are with z as the traverse reads it, and the
+    derivatives of these by those."""
+
+    def from_zero(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        out, (about_x, about_y, about_z) = parameters.copy(), parameters[[NAMES.index(f"turn_{a}_rad") for a in "xyz"]]
+        along_z = rotation(about_x, about_y, about_z)[:, 2]  # of the target, in the camera's frame
+        for name, sign, part in zip(("x_mm", "y_mm", "fluid_mm"), (-1, -1, 1), along_z, strict=True):
+            out[NAMES.index(name)] += sign * in_focus_mm * part
+        return out
+
+    step = 1e-6
+    sides = [from_zero(parameters + step * unit) - from_zero(parameters - step * unit) for unit in np.eye(len(NAMES))]
+    return from_zero(parameters), np.array(sides).T / (2 * step)
 
 
 @dataclass(frozen=True)
