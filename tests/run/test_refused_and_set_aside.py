@@ -1,7 +1,9 @@
 """A recording that the checks call unusable is refused; a pair that is, is set aside."""
 
 import json
+import os
 import shutil
+import time
 
 import numpy as np
 import pytest
@@ -117,6 +119,23 @@ def test_the_manifest_has_a_frame_s_file_as_it_was_when_it_was_read(experiment, 
     if then == "replaced":
         frames = [entry, frame_entry(recording.frames[1], of_image(recording.light(1)[0]))]
         assert "a.tif is another image" in changed_frame(recording, {"pair": 0, "frames": frames})
+
+
+def test_a_lost_frame_that_is_mended_keeps_the_size_and_the_time_of_its_file(folder):
+    """As rsync -a leaves them, which a transfer that broke off had set too."""
+    path, experiment = folder / "p2_b.tif", Experiment.load(folder / "experiment.toml")
+    whole, before = path.read_bytes(), path.stat()
+
+    def written(content):
+        path.write_bytes(content)
+        os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+        return experiment.recording()
+
+    recording = written(bytes(len(whole)))
+    record = {"pair": 1, "frames": [frame_entry(recording.frames[k], None) for k in recording.pairs[1]]}
+    assert changed_frame(recording, record) is None
+    time.sleep(0.02)  # by which clocks of file systems tell changes apart
+    assert "p2_b.tif is another image" in changed_frame(written(whole), record)
 
 
 @pytest.mark.full

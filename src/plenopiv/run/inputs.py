@@ -123,20 +123,21 @@ def of_image(image: NDArray) -> str:
 
 
 def frame_entry(source: ImageSource, digest: str | None) -> dict[str, Any]:
-    """A frame as the manifest has it: name, size and time of its file, and the hash of its image; None of one that
-    could not be read."""
+    """A frame as the manifest has it: name, size and times of its file (written; changed or moved, which no copy can
+    set), and the hash of its image; None of one that could not be read."""
     try:
         found = source.path.stat()
-        size, time = found.st_size, found.st_mtime_ns
+        size, written, changed = found.st_size, found.st_mtime_ns, found.st_ctime_ns
     except OSError:
-        size, time = None, None
-    return {"name": source.name, "bytes": size, "mtime_ns": time, "sha256": digest}
+        size, written, changed = None, None, None
+    return {"name": source.name, "bytes": size, "mtime_ns": written, "ctime_ns": changed, "sha256": digest}
 
 
 def changed_frame(recording: Recording, record: Mapping[str, Any]) -> str | None:
     """What changed of the frames of a pair since they were measured; None where nothing did.
 
-    An image is read where the size or the time of its file is another one. A file that is gone tells nothing.
+    An image is read where the size or the time of its file is another one. A lost frame may have been mended by a copy
+    of the same size and time: there the file's change is enough. A file that is gone tells nothing.
     """
     pair = recording.pairs[record["pair"]]
     was, now = [entry["name"] for entry in record["frames"]], [recording.frames[k].name for k in pair]
@@ -144,7 +145,8 @@ def changed_frame(recording: Recording, record: Mapping[str, Any]) -> str | None
         return f"pair {record['pair']} was {was[0]} and {was[1]}, is {now[0]} and {now[1]}"
     for k, entry in zip(pair, record["frames"], strict=True):
         found = frame_entry(recording.frames[k], None)
-        if found["bytes"] is None or {**entry, "sha256": None} == found:
+        told = ("bytes", "mtime_ns") if entry["sha256"] else ("bytes", "mtime_ns", "ctime_ns")
+        if found["bytes"] is None or all(entry.get(name) == found[name] for name in told):
             continue
         try:
             same = of_image(recording.light(k)[0]) == entry["sha256"]
