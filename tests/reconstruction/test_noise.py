@@ -1,5 +1,7 @@
 """Read noise from dark pixels, shot noise from a white image."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from oracles.cameras import small_camera
@@ -34,8 +36,8 @@ def test_a_frame_without_noise():
     assert dark_noise(field(np.full(WHERE.seen.shape, 7.0))) == 0.0
 
 
-def white(gain, between_lenses=0.0):
-    rng = np.random.default_rng(4)
+def white(gain, between_lenses=0.0, seed=4):
+    rng = np.random.default_rng(seed)
     falloff = np.linspace(0.7, 1.0, LARGER.lenses) * (1 + between_lenses * rng.normal(size=LARGER.lenses))
     return field(gain * rng.poisson(2500 / gain * LARGER.fill * falloff), LARGER)
 
@@ -72,6 +74,12 @@ def test_where_too_few_are_below_full_scale_it_is_said():
     with pytest.warns(PlenoPIVWarning, match=r"^recording\.white: too many of its pixels are at full scale"):
         found = counts_per_electron(saturated(0.5, 1.3 * (sensor.full_scale - sensor.black_level)))
     assert found == NO_WHITE_IMAGE
+
+
+def test_a_mean_of_several_white_images_tells_no_shot_noise():
+    """A sixtieth of the variance of one: as if pixels held half a million electrons."""
+    several = replace(white(0.5), values=np.mean([white(0.5, seed=k).values for k in range(60)], 0))
+    assert counts_per_electron(several) == NO_WHITE_IMAGE
 
 
 def test_noise_of_a_pixel():

@@ -20,6 +20,7 @@ NO_WHITE_IMAGE = 1.0  # counts per electron taken where nothing tells: more than
 INNER = 0.5  # of the aperture's radius: pixels of a white image that are lit alike
 BESIDE = 2  # microlenses beside a saturated pixel that are left out with it: the bright ones of theirs are missing
 FEWEST = 0.5  # of a view's pairs that must be left
+MOST_ELECTRONS = 150e3  # that a pixel holds at full scale: of 5.5 um some 2e4, of 10 um some 1e5
 QUANTUM = 12**-0.5  # counts: digitisation alone
 MAD_TO_STD = 1.4826  # of a normal distribution
 
@@ -84,7 +85,8 @@ def counts_per_electron(white: LightField) -> float:
 
     Differences between next neighbours along a row cancel what changes slowly over the sensor. Microlenses that differ
     among themselves raise the figure: it is an upper bound. Saturated pixels, which show no noise, and those beside
-    them are left out; where they leave too few, PlenoPIVWarning says so, and ``NO_WHITE_IMAGE`` is taken.
+    them are left out; where they leave too few, PlenoPIVWarning says so, and ``NO_WHITE_IMAGE`` is taken. So it is
+    where there is less noise than pixels of MOST_ELECTRONS have: a mean of several images tells no shot noise.
     """
     where = white.layout
     slopes, saturated = [], 0
@@ -108,7 +110,10 @@ def counts_per_electron(white: LightField) -> float:
             PlenoPIVWarning,
             stacklevel=2,
         )
-    return float(np.median(slopes)) if slopes else NO_WHITE_IMAGE
+    if not slopes:
+        return NO_WHITE_IMAGE
+    found = float(np.median(slopes))
+    return found if found * MOST_ELECTRONS > where.camera.sensor.full_scale else NO_WHITE_IMAGE
 
 
 def _near_full_scale(values: NDArray[np.float32], sensor: Sensor) -> NDArray[np.bool_]:
