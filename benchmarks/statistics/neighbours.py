@@ -1,5 +1,6 @@
 """Correlation of the errors of neighbouring vectors, and whether the error bars of derivatives cover: simulated volumes
-of a uniform motion against ``statistics.gradients``. Writes neighbours.json beside this file; some minutes."""
+of a uniform motion against ``statistics.gradients``. Writes neighbours.json beside this file and the table of
+docs/statistics.md; some minutes. "page" writes the latter alone."""
 
 import json
 import sys
@@ -26,6 +27,25 @@ SETTINGS = {
     "sub-windows, 75 %": CorrelationSettings(windows=((32, 32, 32),), overlap=0.75),
     "sub-windows, 0 %": CorrelationSettings(windows=((32, 32, 32),), overlap=0.0),
 }
+RECORD = Path(__file__).with_suffix(".json")
+PAGE, BEGIN, END = ROOT / "docs" / "statistics.md", "<!-- neighbours: begin -->\n", "<!-- neighbours: end -->"
+
+
+def page(found):
+    """Put the table into docs/statistics.md."""
+    head, shares = (
+        "windows | r(1), r(2) computed | measured x; y; z",
+        "derivatives in 1, 2 std, % | vorticity | divergence",
+    )
+    lines = [f"| {head} | {shares} |", "|---|---|---|---|---|---|"]
+    for name, told in found["settings"].items():
+        computed, *measured = (f"{r1:.2f}, {r2:.2f}" for _, r1, r2 in (told["computed"][0], *told["measured"]))
+        within = told["within_1_2_std"]
+        inside = (", ".join(map(str, within[f"{of}, all"])) for of in ("derivative", "vorticity", "divergence"))
+        lines.append("| " + " | ".join((name, computed, "; ".join(measured), *inside)) + " |")
+    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+    table = "".join(f"{line}\n" for line in lines)
+    PAGE.write_text(before + BEGIN + table + END + rest.split(END)[1], encoding="utf-8")
 
 
 def volumes(seed):
@@ -74,8 +94,12 @@ def main(seeds):
         }
         print(name, json.dumps(found[name]), flush=True)
     result = {"volumes": seeds, "jitter_voxels": JITTER, "particles_per_voxel": DENSITY, "settings": found}
-    Path(__file__).with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+    RECORD.write_text(json.dumps(result, indent=1) + "\n")
+    page(result)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 12)
+    if sys.argv[1:] == ["page"]:
+        page(json.loads(RECORD.read_text()))
+    else:
+        main(int(sys.argv[1]) if len(sys.argv) > 1 else 12)
