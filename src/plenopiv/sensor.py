@@ -86,6 +86,11 @@ def middle_of(image: NDArray, part: Sensor) -> NDArray:
     return image[row : row + part.rows, column : column + part.columns]
 
 
+def without(image: NDArray, unusable: NDArray[np.bool_] | None, sensor: Sensor) -> NDArray:
+    """An image of counts with no light in pixels that are ``unusable``, None for none."""
+    return image if unusable is None else np.where(unusable, image.dtype.type(sensor.black_level), image)
+
+
 def check_pixels(pixels: NDArray, sensor: Sensor, name: str) -> None:
     """Raises PlenoPIVError where an image or mask (rows, columns) is not of the sensor's size."""
     if np.shape(pixels) != (sensor.rows, sensor.columns):

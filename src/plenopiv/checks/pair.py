@@ -17,7 +17,7 @@ from plenopiv.checks import fit, light, outlines, repeats, static
 from plenopiv.checks.findings import Finding
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.recording import Recording
-from plenopiv.sensor import Sensor
+from plenopiv.sensor import Sensor, without
 
 BLOCK = 5.0  # pitches: the least side of a block whose light is compared
 MOST_BLOCKS = 8  # along each side
@@ -40,11 +40,7 @@ class PairCheck:
 
     def findings(self, images: tuple[NDArray, NDArray], names: tuple[str, str]) -> list[Finding]:
         """Findings that are not good on both upright frames, in counts."""
-        a, b = images
-        if self.unusable is not None:
-            level = self.sensor.black_level
-            a, b = (np.where(self.unusable, image.dtype.type(level), image) for image in images)
-            images = (a, b)
+        a, b = images = without(images[0], self.unusable, self.sensor), without(images[1], self.unusable, self.sensor)
         if repeats.same_image(a, b, self.sensor):
             words = f"{names[0]} and {names[1]} are one image, down to its noise: nothing moves between them"
             return [Finding("same-frame", "unusable", words, advice="copy the frames again")]

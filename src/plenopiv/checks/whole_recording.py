@@ -36,7 +36,7 @@ from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.lens_blur import lens_blur as measured_blur
 from plenopiv.reconstruction.noise import NO_WHITE_IMAGE, counts_per_electron
 from plenopiv.recording import Recording
-from plenopiv.sensor import middle, middle_of
+from plenopiv.sensor import middle, middle_of, without
 from plenopiv.volume import VoxelGrid
 
 MIDDLE_PX = 1600  # side of the sensor's middle, in which light, seeding and displacement are measured
@@ -230,11 +230,10 @@ def _common_light(recording: Recording) -> list[Finding]:
     successive frames overlap."""
     if recording.is_sequence:
         return []
-    frames, unusable = _first_frames(recording), recording.unusable
+    sensor, unusable = recording.sensor, recording.unusable
     if unusable is not None:
-        hidden = middle_of(unusable, middle(recording.sensor, MIDDLE_PX, MIDDLE_PX))
-        frames = [np.where(hidden, frame.dtype.type(recording.sensor.black_level), frame) for frame in frames]
-    found = static.common_light(frames, recording.sensor)
+        unusable = middle_of(unusable, middle(sensor, MIDDLE_PX, MIDDLE_PX))
+    found = static.common_light([without(frame, unusable, sensor) for frame in _first_frames(recording)], sensor)
     return [] if found is None else [found]
 
 
@@ -312,9 +311,7 @@ def _light_and_motion(
         blurred = replace(where, camera=replace(camera, blur_mm=blur.beyond_doubt(camera.lattice.pitch_mm)))
         projector = PlenopticProjector(blurred, grid, "1-ray")  # so that a wider image is no crowd of particles
     lights = [light.light_of(field, projector, gain) for field in fields]
-    if unusable is not None:
-        level = np.uint16(recording.sensor.black_level)
-        frames, clean = ([np.where(unusable, level, one) for one in each] for each in (frames, clean))
+    frames, clean = ([without(one, unusable, recording.sensor) for one in each] for each in (frames, clean))
     each = [
         light.exposure(frame, recording.sensor, lit, name)
         for frame, lit, name in zip(frames, lights, names, strict=False)
