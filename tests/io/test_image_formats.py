@@ -92,6 +92,17 @@ def test_counts_in_the_upper_bits(tmp_path, counts):
         read_image(tmp_path / "high.tif", SENSOR)
 
 
+def test_the_mean_of_many_images_in_the_upper_bits_is_rounded(tmp_path, counts):
+    """As a dark image often is, which fills the bits below the camera's; full scale stays full scale."""
+    high = Sensor(60, 40, 0.0055, 12, 60.0, "high")
+    counts[0, :2] = 4095, 0
+    fraction = np.random.default_rng(2).integers(-8, 8, counts.shape)
+    tifffile.imwrite(tmp_path / "dark.tif", np.clip(counts * 16 + fraction, 0, 65535).astype(np.uint16))
+    np.testing.assert_array_equal(ImageSource(tmp_path / "dark.tif").counts(high, mean=True), counts)
+    with pytest.raises(PlenoPIVError, match="no multiples of 16"):
+        ImageSource(tmp_path / "dark.tif").counts(high)
+
+
 @pytest.mark.parametrize("name", ["stack.tif", "stack.npy", "stack.h5"])
 def test_pages_and_stacks_are_images_in_turn(tmp_path, counts, name):
     images = np.stack([counts + k for k in range(4)])

@@ -265,11 +265,11 @@ class Recording:
 
     def white(self) -> NDArray[np.uint16] | None:
         """The white image, like ``frame``; None where the recording has none."""
-        return None if self.white_source is None else self._image(self.white_source)
+        return None if self.white_source is None else self._image(self.white_source, mean=True)
 
     def dark(self) -> NDArray[np.uint16] | None:
         """Upright counts of the image with the sensor covered; None where the recording has none."""
-        return None if self.dark_path is None else self._counts(only_source(self.dark_path), even=True)
+        return None if self.dark_path is None else self._counts(only_source(self.dark_path), even=True, mean=True)
 
     def counts_of(self, path: Path) -> NDArray[np.uint16]:
         """Upright counts of another image of the same camera, as one of a target.
@@ -277,19 +277,19 @@ class Recording:
         Raises:
             PlenoPIVError: it cannot be used.
         """
-        return self._counts(only_source(path))
+        return self._counts(only_source(path), mean=True)
 
     def backgrounds(self) -> list[NDArray[np.uint16]]:
         """Upright counts of the static light, of both pulses or of each."""
-        return [self._counts(only_source(path), even=True) for path in self.background_paths]
+        return [self._counts(only_source(path), even=True, mean=True) for path in self.background_paths]
 
     @cached_property
     def white_source(self) -> ImageSource | None:
         """Where the white image is; None where the recording has none."""
         return None if self.white_path is None else only_source(self.white_path)
 
-    def _image(self, source: ImageSource) -> NDArray[np.uint16]:
-        counts = self._counts(source)
+    def _image(self, source: ImageSource, *, mean: bool = False) -> NDArray[np.uint16]:
+        counts = self._counts(source, mean=mean)
         saturated = counts >= self.sensor.full_scale
         if self.masked is not None:
             saturated &= ~self.masked
@@ -303,5 +303,5 @@ class Recording:
             )
         return counts
 
-    def _counts(self, source: ImageSource, *, even: bool = False) -> NDArray[np.uint16]:
-        return np.ascontiguousarray(upright(source.counts(self.sensor, even=even), self.orientation))
+    def _counts(self, source: ImageSource, *, even: bool = False, mean: bool = False) -> NDArray[np.uint16]:
+        return np.ascontiguousarray(upright(source.counts(self.sensor, even=even, mean=mean), self.orientation))

@@ -66,14 +66,15 @@ class ImageSource:
         """Raise PlenoPIVError, from the header alone, where the image is not one of this sensor."""
         self._header(sensor)
 
-    def counts(self, sensor: Sensor | None = None, *, even: bool = False) -> NDArray[np.uint16]:
+    def counts(self, sensor: Sensor | None = None, *, even: bool = False, mean: bool = False) -> NDArray[np.uint16]:
         """Counts, (rows, columns), in the file's orientation. Without a sensor size and depth are not compared.
         ``even``: all pixels may be equal, as of a dark image of a camera that clips at zero, but not at full scale.
+        ``mean``: it may be the mean of many images, which fills the bits below those of the camera; it is rounded.
 
         Raises:
             PlenoPIVError: as ``check``; the pixels do not decode, exceed the bit depth, or are all equal.
         """
-        counts = _aligned(self.values(sensor), sensor, str(self))
+        counts = _aligned(self.values(sensor), sensor, str(self), mean)
         highest = int(counts.max())
         may_be = even and (sensor is None or highest < sensor.full_scale)
         if highest == int(counts.min()) and not may_be:
@@ -150,13 +151,15 @@ def _told_if_missing(path: Path) -> Iterator[None]:
         raise PlenoPIVError(f"{path}: is missing") from None
 
 
-def _aligned(counts: NDArray, sensor: Sensor | None, name: str) -> NDArray:
-    """Counts in the lower bits, compared with the sensor's full scale."""
+def _aligned(counts: NDArray, sensor: Sensor | None, name: str, mean: bool) -> NDArray:
+    """Counts in the lower bits, compared with the sensor's full scale. ``mean``: as in ``ImageSource.counts``."""
     if sensor is None:
         return counts
     spare = 16 - sensor.bit_depth
     low_bits_empty = counts.dtype == np.uint16 and spare > 0 and not (counts & ((1 << spare) - 1)).any()
     if sensor.alignment == "high":
+        if mean and counts.dtype == np.uint16:
+            return np.minimum((counts.astype(np.uint32) + (1 << spare >> 1)) >> spare, sensor.full_scale)
         if not low_bits_empty and spare > 0:
             raise PlenoPIVError(
                 f"{name}: its values are no multiples of {1 << spare}, so they are not {sensor.bit_depth} bits in the "
