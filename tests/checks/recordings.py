@@ -30,13 +30,15 @@ def camera(kind="hexagonal", rotation_rad=0.004, offset_mm=(0.011, -0.023), pmr=
     )
 
 
-def record(folder, of=None, velocity_m_s=VELOCITY_M_S, noise=None, orientation="upright", seed=3, **seeding):
+def record(
+    folder, of=None, velocity_m_s=VELOCITY_M_S, noise=None, orientation="upright", seed=3, x_mm=(-0.7, 0.7), **seeding
+):
     return simulate_recording(
         folder,
         of or camera(),
         flow("uniform", velocity_m_s=velocity_m_s),
         dt_s=0.0005,
-        volume_mm=((-0.7, 0.7), (-0.62, 0.62), (-1.6, 1.6)),
+        volume_mm=(x_mm, (-0.62, 0.62), (-1.6, 1.6)),
         windows=((48, 48, 20), (32, 32, 16)),
         seeding=Seeding(**seeding),
         noise=noise,

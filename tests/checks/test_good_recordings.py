@@ -1,9 +1,12 @@
 """Good recordings: nothing is found fault with, and the numbers are those of the simulation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from recordings import GOOD, PPM, VELOCITY_M_S, camera, edited, looked_at, record, wrong
 
+from plenopiv.checks import whole_recording
 from plenopiv.checks.motion import motion
 from plenopiv.lightfield import decode, layout
 from plenopiv.recording import read_image
@@ -63,3 +66,13 @@ def test_what_no_image_tells(recording):
     # turned once and reversed in time: x and y as they are, z reversed
     expected = np.array(VELOCITY_M_S) * (1, 1, -1) * 0.5 / VOXEL_MM
     assert np.median(backwards.motion.displacement_mm, 0) / VOXEL_MM == pytest.approx(expected, abs=0.6)
+
+
+def test_a_volume_beside_the_sensor_s_middle(tmp_path, monkeypatch):
+    """Its light is looked for where it is; in the middle there was none, and the recording was refused."""
+    wide = replace(camera(), sensor=replace(camera().sensor, columns=800))
+    record(tmp_path / "beside", wide, x_mm=(0.6, 2.0))
+    monkeypatch.setattr(whole_recording, "MIDDLE_PX", 200)
+    found = looked_at(tmp_path / "beside")
+    assert wrong(found) == {}
+    assert found.light.particle == pytest.approx(0.5 * 400 * (1 + 0.25**2), rel=0.2)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.space_map import SpaceMap
+from plenopiv.sensor import Sensor, middle
 from plenopiv.volume import Limits
 
 
@@ -51,6 +52,15 @@ def pixels_that_see(
     reach = [float((np.abs(camera.scale(depth_mm)) * half + blur).max()) for half in half_mm]
     columns, rows = (2 * ceil(r / pixel) + 2 for r in reach)
     return columns, rows
+
+
+def middle_with(camera: PlenopticCamera, limits_mm: Limits, side_px: int) -> Sensor:
+    """The sensor's middle, ``side_px`` along each side. Where the volume's centre is seen farther aside than a quarter
+    of that, as much more as it is: the optical axis stays in the middle."""
+    x, y, z = (0.5 * (lo + hi) for lo, hi in limits_mm)
+    per_mm = abs(float(camera.scale(np.array(z)))) / camera.sensor.pixel_pitch_mm
+    columns, rows = (side_px + 2 * ceil(max(abs(at) * per_mm - side_px / 4, 0.0)) for at in (x, y))
+    return middle(camera.sensor, columns, rows)
 
 
 def coverage(camera: PlenopticCamera, limits_mm: Limits, samples: int = 41, space: SpaceMap | None = None) -> Coverage:

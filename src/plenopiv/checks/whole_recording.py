@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from plenopiv.calibration import LatticeFit
 from plenopiv.calibration.drift import DriftFit, find_drift, light_of
+from plenopiv.cameras.coverage import middle_with
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.checks import (
     at_rest,
@@ -290,7 +291,7 @@ def _light_and_motion(
 ) -> tuple[list[Finding], light.Light, motion.Motion | None]:
     """Exposure, background, seeding and displacement, in the sensor's middle; ``frames``: those of the first pair."""
     report("light", 0, 2)
-    part = middle(recording.sensor, MIDDLE_PX, MIDDLE_PX)
+    part = middle_with(seen.camera, grid.limits_mm(), MIDDLE_PX)
     camera = replace(seen.camera, sensor=part)
     unusable = recording.unusable
     where = layout(camera, None if unusable is None else middle_of(unusable, part))

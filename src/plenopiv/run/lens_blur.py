@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from plenopiv.cameras.coverage import middle_with
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.chain import Chain
 from plenopiv.errors import PlenoPIVWarning
@@ -15,7 +16,7 @@ from plenopiv.lightfield import decode, layout
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.lens_blur import LensBlur, lens_blur
 from plenopiv.recording import Recording
-from plenopiv.sensor import middle, middle_of
+from plenopiv.sensor import middle_of
 
 MIDDLE_PX = 1600  # side of the sensor's middle, which has thousands of particles
 UNKNOWN = 'main_lens.blur_mm = "auto": the first pair shows too few particles to tell; the lens is taken as sharp'
@@ -25,7 +26,7 @@ def with_blur(chain: Chain, recording: Recording) -> tuple[PlenopticCamera, dict
     """The camera of a ``chain``, which takes it as sharp, with the blur that the particles of the first pair show, and
     what was found. Warns where they do not tell."""
     camera, found = chain.camera, list[LensBlur]()
-    part = middle(camera.sensor, MIDDLE_PX, MIDDLE_PX)
+    part = middle_with(camera, chain.lens_grid.limits_mm(), MIDDLE_PX)
     masked = chain.unusable[0] if chain.unusable else None
     where = layout(replace(camera, sensor=part), None if masked is None else middle_of(masked, part))
     projector = PlenopticProjector(where, chain.lens_grid, "1-ray")  # only its geometry is used
