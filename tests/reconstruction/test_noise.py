@@ -27,6 +27,15 @@ def test_dark_noise_is_that_of_dark_pixels(sigma, lit_share):
     assert dark_noise(field(rng.normal(0, sigma, WHERE.seen.shape) + light)) == pytest.approx(sigma, rel=0.05)
 
 
+@pytest.mark.parametrize("share", [0.001, 0.02])
+def test_dead_pixels_are_no_noise(share):
+    """They hold 0, far below the black level."""
+    rng = np.random.default_rng(0)
+    values = rng.normal(0, 5.0, WHERE.seen.shape)
+    values[rng.random(values.shape) < share] = -400.0
+    assert dark_noise(field(values)) == pytest.approx(5.0, rel=0.08)
+
+
 def test_whole_counts_bias_the_noise_little():
     values = np.rint(np.random.default_rng(0).normal(0, 2.0, WHERE.seen.shape))
     assert dark_noise(field(values)) == pytest.approx(2.0, rel=0.15)

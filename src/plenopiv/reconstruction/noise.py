@@ -22,6 +22,8 @@ BESIDE = 2  # microlenses beside a saturated pixel that are left out with it: th
 FEWEST = 0.5  # of a view's pairs that must be left
 MOST_ELECTRONS = 150e3  # that a pixel holds at full scale: of 5.5 um some 2e4, of 10 um some 1e5
 QUANTUM = 12**-0.5  # counts: digitisation alone
+SAMPLE = 1_000_000  # pixels, evenly spaced, that the usual noise is taken from
+FAR = 2.0  # times the usual noise: a root mean square beyond that is one of dead pixels
 MAD_TO_STD = 1.4826  # of a normal distribution
 
 
@@ -56,7 +58,11 @@ def dark_noise(lightfield: LightField) -> float:
 def noise_below(values: NDArray[np.float32]) -> float:
     """The same of pixels ``values`` (n,) in counts above the black level."""
     below = values[values < 0]
-    return float(np.sqrt(np.mean(below.astype(np.float64) ** 2))) if below.size else 0.0
+    if not below.size:
+        return 0.0
+    root = float(np.sqrt(np.mean(below.astype(np.float64) ** 2)))
+    usual = MAD_TO_STD * float(np.median(-below[:: max(below.size // SAMPLE, 1)]))
+    return usual if root > FAR * usual else root  # dead pixels lie far below, and few of them make most of the root
 
 
 def noise_of(
