@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from plenopiv.cameras.coverage import seen_by_every_view_mm
+from plenopiv.cameras.depth import coarsest_voxel_mm
 from plenopiv.cameras.presets import preset
 from plenopiv.design.advice import suggested
 from plenopiv.design.sheet import design, optics, overlap
@@ -44,6 +45,16 @@ def test_the_volume_is_what_every_view_sees_and_windows_are_longer_than_particle
         assert y <= seen[1]
         near, far = camera.dead_zone_mm()
         assert found.window_mm[2] > 2.9 * (far - near) / 2  # at 2.3 displacements came out 40 % too small
+
+
+def test_few_pixels_to_a_microlens_take_finer_voxels_and_windows_as_large():
+    """As fine beside a microlens as those of the paper's camera of PMR 14."""
+    paper, few = suggested(preset("pmr14")), suggested(preset("pmr8"))
+    assert suggested(preset("pmr28")).voxel_mm[0] == paper.voxel_mm[0]
+    assert few.voxel_mm[0] == pytest.approx(paper.voxel_mm[0] * 8 / 14)
+    assert few.window_mm[:2] == pytest.approx(paper.window_mm[:2])
+    for name in ("pmr8", "pmr14", "pmr28", "29mp"):
+        assert suggested(preset(name)).voxel_mm[0] < coarsest_voxel_mm(preset(name))
 
 
 def test_variants_change_one_thing_and_keep_f_numbers_matched():

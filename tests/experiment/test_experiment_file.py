@@ -233,6 +233,14 @@ def test_a_volume_within_the_dead_zone_is_warned_about():
     assert any("depth cannot be told" in line for line in Experiment.from_dict(tables).warnings())
 
 
+def test_voxels_that_are_coarse_beside_a_microlens_are_warned_about():
+    tables = changed("volume.voxel_mm", [0.0171428571, 0.0385, 0.077])
+    (line,) = (line for line in Experiment.from_dict(tables).warnings() if "voxel_mm" in line)
+    assert line.startswith("volume.voxel_mm: 0.0385 mm along x or y is coarse beside what a microlens covers (0.077")
+    assert line.endswith("give 0.019 mm or less")
+    assert Experiment.from_dict(changed("volume.voxel_mm", [0.0171428571, 0.01925, 0.077])).warnings() == []
+
+
 def test_windows_no_deeper_than_a_particle_s_image_are_warned_about():
     # half the dead zone is 0.308 mm: 16 voxels of 0.05 mm are 2.6 of them, 24 of 0.05 mm or 16 of 0.077 mm are enough
     tables = changed("volume.x_mm", [-3.0, 3.0])

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import floor, log10
+from math import ceil, floor, log10
 
 from plenopiv.cameras.coverage import half_sensor_mm, seen_by_every_view_mm
-from plenopiv.cameras.depth import min_window_voxels
+from plenopiv.cameras.depth import WINDOW_STEP, min_window_voxels
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.volume import Limits, VoxelGrid
 
 VOXEL_PX = 36.0 / 2100.0 / 0.0055  # Shi, Ding & New (2016), section 4: 36 mm / 2100 voxels, pixels of 5.5 um
+VOXEL_PITCHES = VOXEL_PX / 14  # the same in microlens pitches, of the paper's camera of PMR 14 (decision 86)
 USEFUL_DEPTH = 0.75  # of PMR f_l / M^2, where a view's footprint of a point outgrows a microlens
 LARGEST_BLUR = 0.25  # of the sensor's half height
 SMALLEST_WINDOW = 8  # voxels
-LAST_WINDOW = (64, 64, 16)
+LAST_WINDOW = (64, 64, 16)  # of the paper's voxels
 
 Window = tuple[int, int, int]
 
@@ -41,7 +42,8 @@ class Measurement:
 
 
 def suggested(camera: PlenopticCamera, depth_mm: tuple[float, float] | None = None) -> Measurement:
-    """The volume that every view sees over a depth, default ``suggested_depth_mm``, in the paper's voxels and windows.
+    """The volume that every view sees over a depth, default ``suggested_depth_mm``, in voxels as
+    ``suggested_voxel_mm``, and the paper's windows, as large in mm.
 
     Raises:
         PlenoPIVError: the depth is empty or reaches the main lens, or no window would be seen by every view.
@@ -60,7 +62,8 @@ def suggested(camera: PlenopticCamera, depth_mm: tuple[float, float] | None = No
     x, y = _down(x), _down(y)
     limits = (-x, x), (-y, y), (float(lo), float(hi))
     nz, ny, nx = VoxelGrid.covering(*limits, voxel).shape
-    last = LAST_WINDOW[0], LAST_WINDOW[1], max(LAST_WINDOW[2], min_window_voxels(camera, voxel[2]))
+    across = WINDOW_STEP * ceil(LAST_WINDOW[0] * _paper_voxel_mm(camera) / voxel[0] / WINDOW_STEP - 1e-6)
+    last = across, across, max(LAST_WINDOW[2], min_window_voxels(camera, voxel[2]))
     first = 2 * last[0], 2 * last[1], 2 * last[2]
     return Measurement(limits, voxel, (within(first, (nx, ny, nz)), within(last, (nx, ny, nz))))
 
@@ -85,10 +88,16 @@ def suggested_depth_mm(camera: PlenopticCamera) -> tuple[float, float]:
 
 
 def suggested_voxel_mm(camera: PlenopticCamera) -> tuple[float, float, float]:
-    """The paper's voxels: 3.117 pixels over |M| in the plane, one microlens pitch over M^2 in depth."""
+    """The paper's voxels: 3.117 pixels over |M| in the plane, one microlens pitch over M^2 in depth. With fewer than 14
+    pixels to a microlens finer ones in the plane, 0.2226 pitches over |M| (decision 86)."""
     m = abs(camera.main_lens.magnification)
-    in_plane = round(VOXEL_PX * camera.sensor.pixel_pitch_mm / m, 10)
+    in_plane = min(_paper_voxel_mm(camera), round(VOXEL_PITCHES * camera.lattice.pitch_mm / m, 10))
     return in_plane, in_plane, round(camera.lattice.pitch_mm / m**2, 10)
+
+
+def _paper_voxel_mm(camera: PlenopticCamera) -> float:
+    """The paper's, in the plane."""
+    return round(VOXEL_PX * camera.sensor.pixel_pitch_mm / abs(camera.main_lens.magnification), 10)
 
 
 def _down(length: float) -> float:

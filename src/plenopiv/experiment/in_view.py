@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from plenopiv.cameras.coverage import coverage, seen_by_every_view_mm
-from plenopiv.cameras.depth import min_window_depth_mm, min_window_voxels
+from plenopiv.cameras.depth import coarsest_voxel_mm, min_window_depth_mm, min_window_voxels
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.experiment.tables import CorrelationTable, VolumeTable
@@ -49,6 +49,14 @@ def warnings(
             f"correlation.windows: the last ones are {window * voxel:.2g} mm deep and particles' images hardly "
             f"less (the dead zone is {(far - near) * deeper:.2g} mm), so displacements in depth come out too small; "
             f"give windows {enough} voxels along z"
+        )
+    side, coarsest = max(volume.voxel_mm[:2]), coarsest_voxel_mm(camera)
+    if side > coarsest * (1 + 1e-6):
+        lines.append(
+            f"volume.voxel_mm: {side:.3g} mm along x or y is coarse beside what a microlens covers "
+            f"({camera.lattice.pitch_mm / abs(camera.main_lens.magnification):.3g} mm): displacements lock to whole "
+            "voxels, and off the axis those in depth may be wrong by more than their error bars; give "
+            f"{coarsest:.2g} mm or less"
         )
     seen = coverage(camera, _limits(volume), space=space).every_view
     if seen < 1:
