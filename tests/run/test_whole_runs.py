@@ -180,3 +180,6 @@ def test_gradients_are_written_on_request(experiment):
     for name in ("du_dz", "vorticity_y", "divergence_std", "q"):
         assert velocity[name].dims == ("time", "z", "y", "x")
         np.testing.assert_array_equal(velocity[name].values[0], alone[name].values)
+    assert velocity.time.attrs["units"] == "s"
+    assert velocity.time.attrs["long_name"] == asked.recording().time_meaning
+    assert velocity.x.attrs["units"] == "mm"

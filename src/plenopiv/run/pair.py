@@ -199,8 +199,8 @@ class Job:
             return record
         record.numbers = numbers_of(velocity, self.chain.grid.voxel_mm, self.recording.dt_s)
         if self.gradients:
-            derived = velocity_gradients(velocity.isel(time=0), self.chain.correlation).drop_vars("time")
-            velocity = velocity.assign(derived.expand_dims(time=velocity.time))
+            derived = velocity_gradients(velocity.isel(time=0), self.chain.correlation)
+            velocity = velocity.assign(derived.expand_dims("time"))  # its own time, which keeps unit and meaning
         resolved = list(effective_window(self.chain.correlation))
         velocity.attrs |= {"source": self.source, "quality": self.judge.quality(record.findings)}
         velocity.attrs["effective_window_voxels"] = resolved
