@@ -171,6 +171,7 @@ def test_files_of_other_formats_are_left_alone(drafted, tmp_path):
     ("names", "images", "rows", "expected"),
     [
         (["B1_A.tif", "B1_B.tif", "B2_A.tif"], 1, ROWS, "B2_A.tif: is one frame of a pair by its name"),
+        (["B1_A.tif", "B1_B.tif", "B2_A.tif", "B3_A.tif"], 1, ROWS, "the other is missing (so are 1 more)"),
         (["B1_A.tif", "B1_B.tif", "B2_A.tif", "B2_B.tif"], 2, ROWS, "hold 2 images each"),
         (["flat_1.tif", "flat_2.tif"], 1, ROWS, "found flat_1.tif, flat_2.tif, white.tif: keep one, and rename"),
         (["f1.tif"], 1, ROWS, "holds 1 frame beside white.tif"),

@@ -56,9 +56,26 @@ def test_names_of_double_frames_are_recognised(form):
     assert missing.alone == (expected[1][0],)
 
 
+@pytest.mark.parametrize("form", ["run_{k:04}_{p}.tif", "run_{k:04}_Laser{p}.tif"])
+def test_one_whole_pair_says_that_the_others_are_halves(form):
+    pulses = "01" if "Laser" in form else "AB"
+    names = [form.format(k=k, p=pulses[p]) for k, p in ((1, 0), (1, 1), (2, 0), (3, 0), (4, 1))]
+    found = looks_like_pairs(names)
+    assert found.pairs == (tuple(names[:2]),)
+    assert found.alone == tuple(names[2:])
+
+
+def test_pulses_of_most_names_come_before_letters_of_a_few():
+    names = ["a_1_La0.tif", "a_1_La1.tif", "a_2_La0.tif", "a_2_La1.tif", "b_1_La0.tif"]
+    found = looks_like_pairs(names)
+    assert found.pairs == (tuple(names[:2]), tuple(names[2:4]))
+    assert found.alone == ("b_1_La0.tif",)
+
+
 @pytest.mark.parametrize(
     "names",
     [
+        ("run_1_1.tif", "run_1_2.tif", "run_2_1.tif", "run_3_1.tif"),
         ("frame_1.tif", "frame_2.tif", "frame_3.tif"),
         ("frame_1.tif", "frame_2.tif"),
         ("a.tif", "b.tif"),

@@ -81,19 +81,23 @@ def looks_like_pairs(names: Sequence[str]) -> NamedPairs | None:
 
     ``names``: with ``/`` between folders, in natural order. Known are A/B, a/b, 0/1, 1/2, LaserPulse0/1, frameA/frameB,
     first/second, and the like, where all other words of two names are the same. Numbers say a pulse only in the last
-    word or after one such as "pulse": ``frame_1, frame_2, frame_3`` and ``frame_1, frame_2`` are sequences.
+    word or after one such as "pulse": ``frame_1, frame_2, frame_3`` and ``frame_1, frame_2`` are sequences. Where names
+    say a pulse by letters or a laser's number, one whole pair is enough; else as many as names without a partner.
     """
     if len(names) < 3:
         return None
     words = [WORD.findall(_stem(name)) for name in names]
     shortest = min(map(len, words))
     places = [*range(-1, -shortest - 1, -1), *(range(shortest) if shortest < max(map(len, words)) else ())]
-    for accepts in (_by_letters, _by_laser, _by_last_number, _by_number):
-        for place in places:
-            found = _pairs_at(names, words, place, accepts)
-            if found is not None:
-                return found
-    return None
+    found = (
+        _pairs_at(names, words, place, accepts)
+        for accepts in (_by_letters, _by_laser, _by_last_number, _by_number)
+        for place in places
+    )
+    possible = [each for each in found if each is not None]
+    # Most names in pairs are the better reading: a_1_La0, a_1_La1, b_1_La0, ... of two cameras are pairs of pulses.
+    likely = (each for each, _ in possible if len(each.alone) <= len(each.pairs))
+    return next(likely, next((each for each, one_is_enough in possible if one_is_enough), None))
 
 
 def glob_of(names: Sequence[str]) -> str:
@@ -153,8 +157,9 @@ def _word_before(words: list[str], place: int) -> str:
 
 def _pairs_at(
     names: Sequence[str], words: list[list[str]], place: int, accepts: Callable[[list[list[str]], int], bool]
-) -> NamedPairs | None:
-    """Pairs that differ in the word at a place alone; None unless most names have a partner there."""
+) -> tuple[NamedPairs, bool] | None:
+    """Pairs that differ in the word at a place alone, and whether one of them says that all names are of pairs; None
+    where there is none."""
     said = sorted({w[place] for w in words})
     if len(said) != 2 or not accepts(words, place):
         return None
@@ -167,14 +172,14 @@ def _pairs_at(
         sides[tuple(w[:place]), after, PurePosixPath(names[k].partition("::")[0]).suffix][w[place]] = k
     whole = {key: side for key, side in sides.items() if len(side) == 2}
     alone = tuple(names[k] for side in sides.values() if len(side) == 1 for k in side.values())
-    if len(alone) > len(whole):
+    if not whole:
         return None
     pairs = tuple((names[side[first]], names[side[second]]) for side in whole.values())
     pattern, endings = "", {key[2] for key in sides}
     if len(endings) == 1 and not any(SPECIAL & set(name) or "::" in name for name in names):
         around = [_common([list(key[side]) for key in sides]) for side in (0, 1)]
         pattern = f"{around[0]}{{{first},{second}}}{around[1]}{endings.pop()}"
-    return NamedPairs(pattern, pairs, alone)
+    return NamedPairs(pattern, pairs, alone), accepts in (_by_letters, _by_laser)
 
 
 def _common(lists: list[list[str]]) -> str:
