@@ -122,7 +122,6 @@ class OpticsSheet:
         lengths = {
             "main_lens.focal_length_mm": focal,
             "main_lens.aperture_mm": aperture,
-            "main_lens.magnification, times -1,": -m,
             "microlens_array.pitch_mm": self.number("microlens_array", "pitch_mm"),
             "microlens_array.focal_length_mm": self.number("microlens_array", "focal_length_mm"),
             "sensor.pixel_pitch_mm": self.number("sensor", "pixel_pitch_mm"),
@@ -130,6 +129,10 @@ class OpticsSheet:
         for name, value in lengths.items():
             if not value > 0:
                 raise PlenoPIVError(f"{self.path}: {name} = {value:g} must be positive and finite")
+        if not m < 0:
+            raise PlenoPIVError(
+                f"{self.path}: main_lens.magnification = {m:g} must be negative, because a real image is inverted"
+            )
         kind = self.text("microlens_array", "lattice", ("square", "hexagonal"))
         bits = self.whole("sensor", "bits", "bit_depth", low=8, high=16)
         black = 0.0 if self.value("sensor", "black_level") is None else self.number("sensor", "black_level")
