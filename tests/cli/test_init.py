@@ -103,6 +103,13 @@ def sheet_with(tmp_path, table, key, value):
         ("seeding", "depth_mm", [2.0, -2.0], "must rise"),
         ("seeding", "depth_mm", "deep", "two numbers"),
         ("seeding", "depth_mm", [-40, 40], "is too deep"),
+        (
+            "seeding",
+            "depth_mm",
+            [-0.1, 0.1],
+            "seeding.depth_mm = [-0.1, 0.1] mm is too thin: windows are 8 voxels deep",
+        ),
+        ("seeding", "depth_mm", [-0.1, 0.1], "makes 0.616 mm, and it holds 3"),
     ],
 )
 def test_init_names_what_is_wrong_with_the_sheet(folder, tmp_path, one_line, table, key, value, expected):

@@ -46,7 +46,8 @@ def suggested(camera: PlenopticCamera, depth_mm: tuple[float, float] | None = No
     ``suggested_voxel_mm``, and the paper's windows, as large in mm.
 
     Raises:
-        PlenoPIVError: the depth is empty or reaches the main lens, or no window would be seen by every view.
+        PlenoPIVError: the depth is empty, holds no window or reaches the main lens, or no window would be seen by every
+            view.
     """
     lo, hi = depth_mm or suggested_depth_mm(camera)
     lens_z = camera.main_lens.object_distance_mm
@@ -62,6 +63,11 @@ def suggested(camera: PlenopticCamera, depth_mm: tuple[float, float] | None = No
     x, y = _down(x), _down(y)
     limits = (-x, x), (-y, y), (float(lo), float(hi))
     nz, ny, nx = VoxelGrid.covering(*limits, voxel).shape
+    if nz < SMALLEST_WINDOW:
+        raise PlenoPIVError(
+            f"[{lo:g}, {hi:g}] mm is too thin: windows are {SMALLEST_WINDOW} voxels deep or more, which this camera "
+            f"makes {SMALLEST_WINDOW * voxel[2]:.3g} mm, and it holds {nz}"
+        )
     across = WINDOW_STEP * ceil(LAST_WINDOW[0] * _paper_voxel_mm(camera) / voxel[0] / WINDOW_STEP - 1e-6)
     last = across, across, max(LAST_WINDOW[2], min_window_voxels(camera, voxel[2]))
     first = 2 * last[0], 2 * last[1], 2 * last[2]
