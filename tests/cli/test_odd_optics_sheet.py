@@ -65,6 +65,18 @@ def test_a_key_that_would_be_left_out_or_said_twice(folder, tmp_path, one_line, 
     assert expected in one_line("init", folder, tmp_path / "odd.json", "--overwrite")
 
 
+@pytest.mark.parametrize(
+    ("table", "written"),
+    [("main_lens", "mainlens"), ("microlens_array", "microlens_arrays"), ("seeding", "Seeding"), ("sensor", "senor")],
+)
+def test_a_table_whose_name_is_nearly_right(folder, tmp_path, one_line, table, written):
+    sheet = json.loads(json.dumps(SHEET))
+    sheet[written] = sheet.pop(table)
+    (tmp_path / "odd.json").write_text(json.dumps(sheet))
+    message = one_line("init", folder, tmp_path / "odd.json", "--overwrite")
+    assert f"odd.json: {written}: unknown table; did you mean {table}?" in message
+
+
 def test_keys_of_others_are_left_alone(folder, tmp_path):
     """And an f-number beside the aperture, as makers round it."""
     sheet = json.loads(json.dumps(SHEET))

@@ -15,6 +15,7 @@ from plenopiv.experiment import text
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
 
+TABLES = ("main_lens", "microlens_array", "sensor", "recording", "seeding")
 SMALLEST, LARGEST = 1e-9, 1e9  # of all numbers, as in the experiment file
 OPTIONAL = {  # keys that may be missing, so that a misspelled one would be taken for none
     "main_lens": ("aperture_mm", "f_number", "object_distance_mm", "image_distance_mm", "magnification"),
@@ -38,8 +39,16 @@ class OpticsSheet:
         except OSError as error:
             raise PlenoPIVError(f"{path}: cannot be read ({error.strerror})") from None
         self.tables = text.tables(content, path, as_json=path.suffix.lower() != ".toml")
+        self._check_names()
         for table, keys in OPTIONAL.items():
             self._check_spelling(table, keys)
+
+    def _check_names(self) -> None:
+        """Raise PlenoPIVError for a table whose name is nearly that of a missing one; others are the user's own."""
+        left = [name for name in TABLES if name not in self.tables]
+        for table in self.tables:
+            if table not in TABLES and (meant := get_close_matches(str(table), left, n=1, cutoff=0.8)):
+                raise PlenoPIVError(f"{self.path}: {printable(str(table))}: unknown table; did you mean {meant[0]}?")
 
     def _check_spelling(self, table: str, optional: tuple[str, ...]) -> None:
         section = self.tables.get(table, {})
