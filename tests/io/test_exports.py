@@ -165,3 +165,14 @@ def test_the_command(tmp_path, capsys):
     assert main(["export", str(tmp_path / "none.nc"), str(tmp_path / "other.vtkhdf")]) == 2
     assert mesh.read_bytes() == before
     assert not (tmp_path / "other.vtkhdf").exists()
+
+
+def test_the_command_takes_a_results_folder(tmp_path, capsys):
+    results = tmp_path / "results"
+    results.mkdir()
+    assert main(["export", str(results), str(tmp_path / "a.csv")]) == 2
+    assert f"{results / 'velocity.nc'}: no such file" in capsys.readouterr().err
+    write_velocity(results / "velocity.nc", field())
+    for source, name in ((results, "a.csv"), (results / "velocity.nc", "b.csv")):
+        assert main(["export", str(source), str(tmp_path / name)]) == 0
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()

@@ -119,7 +119,9 @@ def statistics(
 
 @app.command()
 def export(
-    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="velocity.nc, tracks.nc, or a kept volume (.h5).")],
+    source: Annotated[
+        Path, typer.Argument(metavar="SOURCE", help="Results folder or velocity.nc, tracks.nc, or a kept volume (.h5).")
+    ],
     target: Annotated[
         Path, typer.Argument(metavar="TARGET", help="What to write: .vtkhdf, .vti, .csv, .mat, .txt or .nc.")
     ],

@@ -12,6 +12,7 @@ from plenopiv.io import read_velocity
 from plenopiv.io.matlab import write_matlab
 from plenopiv.io.openpiv import write_openpiv
 from plenopiv.io.pivpy import write_pivpy
+from plenopiv.io.series_statistics import velocity_file
 from plenopiv.io.table import write_table
 from plenopiv.io.tracks_file import holds_tracks, read_tracks, write_tracks_vtkhdf
 from plenopiv.io.volumes import volume_in_laboratory
@@ -40,13 +41,14 @@ FORMATS = {
 
 
 def export(source: Path, target: Path, z_mm: float | None, time: int | None, overwrite: bool) -> Outcome:
-    """Write ``target``, in the format that its ending names, of a velocity field, tracks, or a kept volume
-    (.h5).
+    """Write ``target``, in the format that its ending names, of a velocity field or the results folder that holds it,
+    tracks, or a kept volume (.h5).
 
     Raises:
         PlenoPIVError: the source cannot be read; an ending that is no format, a plane or a time that is missing or not
             asked for; ``target`` is there already.
     """
+    source = velocity_file(source)
     kind, of_volume = target.suffix.lower(), source.suffix.lower() == VOLUME
     if kind not in FORMATS:
         known = ", ".join(f"{ending} for {each.reader}" for ending, each in FORMATS.items())
