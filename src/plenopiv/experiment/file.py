@@ -137,6 +137,11 @@ class Experiment(Table):
         if prod(sides) > LARGEST_VOLUME or max(sides) > LARGEST_SIDE:
             counts = " x ".join(f"{side:.5g}" for side in sides)
             return [f"volume.voxel_mm: {counts} voxels are too many; are all lengths in mm?"]
+        if wide := [axis for axis, side in zip("xyz", sides, strict=True) if side <= 1.0]:  # no window fits anyway
+            voxel = ", ".join(f"{length:g}" for length in self.volume.voxel_mm)
+            return [
+                f"volume.voxel_mm: a voxel of [{voxel}] is as large as the volume along {', '.join(wide)}; is it in mm?"
+            ]
         if self.tracking is not None and (line := self.tracking.contradiction(limits)):
             return [line]
         if as_in_air and (lines := in_view.unseen(self.volume, camera)):

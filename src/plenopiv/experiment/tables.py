@@ -20,6 +20,7 @@ from pydantic import (
 
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.experiment.lens_blur import BlurMm
+from plenopiv.experiment.windows import Window, Windows
 from plenopiv.reconstruction.settings import CandidateRule, LightFieldMethod, ReconstructionSettings, Weights
 
 FARTHEST_PX = 1e6  # corners of polygons
@@ -48,8 +49,6 @@ NotNegative = Annotated[float, Field(ge=0), AfterValidator(_in_range)]
 Pair = Annotated[tuple[Number, Number], Field(strict=False)]
 Triple = Annotated[tuple[Number, Number, Number], Field(strict=False)]
 PositiveTriple = Annotated[tuple[PositiveFloat, PositiveFloat, PositiveFloat], Field(strict=False)]
-WindowSide = Annotated[int, Field(ge=1, le=1024)]
-Window = Annotated[tuple[WindowSide, WindowSide, WindowSide], Field(strict=False)]
 
 
 class Table(BaseModel):
@@ -316,7 +315,7 @@ class CorrelationTable(Table):
     The other keys and their limits are those of ``displacement.settings.CorrelationSettings``.
     """
 
-    windows: Annotated[tuple[Window, ...], Field(strict=False, min_length=1)]
+    windows: Windows
     overlap: float = CorrelationSettings.overlap
     inner_window: Window | None = CorrelationSettings.inner_window
     inner_overlap: float = CorrelationSettings.inner_overlap
