@@ -3,8 +3,8 @@
     python examples/other_programs.py [FOLDER]
 
 Reads FOLDER/results/velocity.nc, where FOLDER, "ring" by default, is one that examples/vortex_ring.py made, or yours.
-Writes FOLDER/velocity.vtkhdf (all vectors), FOLDER/plane.txt (the plane of vectors nearest to z = 1 mm, as OpenPIV's
-tools read it) and FOLDER/vectors.csv (what was measured, one vector a line), and prints what is in them.
+Writes FOLDER/velocity.vtkhdf (all vectors), FOLDER/plane.txt (the middle plane of vectors, as OpenPIV's tools read
+it) and FOLDER/vectors.csv (what was measured, one vector a line), and prints what is in them.
 """
 
 import sys
@@ -25,10 +25,12 @@ with h5py.File(folder / "velocity.vtkhdf") as file:
     for name, values in file["VTKHDF/PointData"].items():
         print(f"velocity.vtkhdf  {name:12} {values.shape} (time, z, y, x{', component' * (values.ndim > 4)})")
 
-write_openpiv(folder / "plane.txt", velocity, z_mm=1.0)
-plane = as_openpiv(velocity, z_mm=1.0)  # the same as arrays, rows from above, y and v upward
+z = float(velocity.z[velocity.sizes["z"] // 2])
+write_openpiv(folder / "plane.txt", velocity, z_mm=z)
+plane = as_openpiv(velocity, z_mm=z)  # the same as arrays, rows from above, y and v upward
 replaced = int((plane.flags == 2).sum())
-print(f"plane.txt        {plane.u.shape} (rows, columns), {replaced} replaced, {int(plane.mask.sum())} seen by no view")
+seen = f"{replaced} replaced, {int(plane.mask.sum())} seen by no view"
+print(f"plane.txt        {plane.u.shape} (rows, columns) at z = {z:g} mm, {seen}")
 
 names = ["u", "v", "w", "u_std", "v_std", "w_std"]
 table = velocity.isel(time=0)[[*names, "valid"]].to_dataframe().reset_index()

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plenopiv.io import read_velocity
+from plenopiv.io import read_velocity, write_velocity
 
 pytestmark = pytest.mark.full
 
@@ -73,6 +73,15 @@ def test_it_writes_what_it_says(ring, name, capsys):
     assert written
     assert files(ring) - before == written
     assert capsys.readouterr().out
+
+
+def test_other_programs_are_given_a_plane_of_a_thin_recording(ring, tmp_path, capsys):
+    velocity = read_velocity(ring / "results" / "velocity.nc")
+    (tmp_path / "results").mkdir()
+    write_velocity(tmp_path / "results" / "velocity.nc", velocity.assign_coords(z=0.01 * velocity.z))
+    ran("other_programs.py", tmp_path)
+    middle = float(0.01 * velocity.z[velocity.sizes["z"] // 2])
+    assert f"at z = {middle:g} mm" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", NAMES)
