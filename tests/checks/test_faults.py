@@ -1,6 +1,7 @@
 """What a check makes of faults, in numbers; what the user reads of them is in test_on_the_command_line."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -232,6 +233,20 @@ def test_a_white_image_too_dark_and_too_bright(recorded, gain, name):
     image = np.minimum(60 + (tifffile.imread(recorded() / "white.tif") - 60.0) * gain, 4095)
     findings, _ = white_image(image, camera(), "white.tif")
     assert name in {finding.name for finding in findings if finding.severity == "warning"}
+
+
+def test_counts_of_twelve_bits_that_are_called_sixteen():
+    sixteen = replace(camera(), sensor=replace(camera().sensor, bit_depth=16, black_level=60))
+    white = np.full((sixteen.sensor.rows, sixteen.sensor.columns), 1500.0)
+
+    def advice(frames_reach, of=sixteen, gain=1.0):
+        findings, _ = white_image(60 + gain * white, of, "white.tif", frames_reach=frames_reach)
+        return next(one.advice for one in findings if one.name == "white-underexposed")
+
+    assert advice(900.0).endswith("; or is camera.sensor.bit_depth 12?")
+    assert "bit_depth" not in advice(60000.0)  # a frame fills 16 bits
+    assert "bit_depth" not in advice(4000.0, gain=0.05)  # too dark for 12 bits too
+    assert "bit_depth" not in advice(3000.0, of=camera(), gain=0.05)  # frames fill the 12 that are stated
 
 
 @pytest.mark.full

@@ -12,6 +12,7 @@ from plenopiv.calibration.aperture import aperture_disc
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.checks.findings import Finding
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.sensor import Sensor
 
 RESIDUAL_PX = 0.1  # RMS; a few hundredths are usual
 REGION_PX = 0.1
@@ -21,14 +22,16 @@ SATURATED = 1e-3  # share of the pixels
 DEAD = 1e-3  # share of the pixels without any count
 NO_COUNT = 1.0
 DARK = 0.05  # of the sensor's range that the lit pixels should reach
+BIT_DEPTHS = (8, 10, 12, 14)  # of cameras, below the 16 bits of files
 
 
 def white_image(
-    white: NDArray, camera: PlenopticCamera, name: str, stated: bool = True
+    white: NDArray, camera: PlenopticCamera, name: str, stated: bool = True, frames_reach: float = 0.0
 ) -> tuple[list[Finding], LatticeFit | None]:
     """Findings on an upright white image in counts, and the lattice, None where none is found. ``stated``: the aperture
-    that the file states is used; that of a camera calibrated with a target is the one that the white image shows."""
-    out = [*_light(white, camera, name), *_dead(white, camera, name)]
+    that the file states is used; that of a camera calibrated with a target is the one that the white image shows.
+    ``frames_reach``: the largest count of the frames."""
+    out = [*_light(white, camera, name, max(float(white.max()), frames_reach)), *_dead(white, camera, name)]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PlenoPIVWarning)  # a finding below
@@ -79,7 +82,8 @@ def _f_numbers(white: NDArray, camera: PlenopticCamera, name: str, is_stated: bo
     return Finding("f-number", "good", f"f-numbers match: {words}", 100 * ratio, "% of the pitch")
 
 
-def _light(white: NDArray, camera: PlenopticCamera, name: str) -> list[Finding]:
+def _light(white: NDArray, camera: PlenopticCamera, name: str, largest: float) -> list[Finding]:
+    """``largest``: count of all images."""
     sensor = camera.sensor
     saturated = float(np.mean(white >= sensor.full_scale))
     level = float(np.percentile(white, 75) - sensor.black_level) / (sensor.full_scale - sensor.black_level)
@@ -90,8 +94,20 @@ def _light(white: NDArray, camera: PlenopticCamera, name: str) -> list[Finding]:
         return [Finding("white-overexposed", "warning", words, 100 * saturated, "%", advice)]
     if level < DARK:
         advice = "record it with more light, or average several images: the lattice is found from it"
+        if bits := _fewer_bits(sensor, level, largest):
+            advice += f"; or is camera.sensor.bit_depth {bits}?"
         return [Finding("white-underexposed", "warning", f"{name} is underexposed: {words}", 100 * level, "%", advice)]
     return [Finding("white-light", "good", words, 100 * level, "%")]
+
+
+def _fewer_bits(sensor: Sensor, level: float, largest: float) -> int | None:
+    """A smaller bit depth that all counts fit into, and at which the lit pixels, at ``level`` of the range, would be
+    bright enough."""
+    bits = next((n for n in BIT_DEPTHS if largest < 2**n), sensor.bit_depth)
+    if bits >= sensor.bit_depth or sensor.black_level >= 2**bits - 1:
+        return None
+    range_now, range_then = sensor.full_scale - sensor.black_level, 2**bits - 1 - sensor.black_level
+    return bits if level * range_now >= DARK * range_then else None
 
 
 def _dead(white: NDArray, camera: PlenopticCamera, name: str) -> list[Finding]:

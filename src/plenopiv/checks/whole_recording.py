@@ -120,7 +120,9 @@ def check(
     seen = CheckResult((), camera, names[0], frames[0], image)
     if image is not None:
         report("white image", 0, 1)
-        of_white, found = white.white_image(image, camera, printable(recording.white_path.name), stated)  # type: ignore[union-attr]
+        name = printable(recording.white_path.name)  # type: ignore[union-attr]
+        largest = max(float(frame.max()) for frame in frames)
+        of_white, found = white.white_image(image, camera, name, stated, largest)
         findings += of_white
         report("white image", 1, 1)
         if found is None:
