@@ -196,7 +196,8 @@ def test_every_variable_says_what_it_is(field_of):
         for other in variable.attrs.get("ancillary_variables", "").split():
             assert other in found, name
     texts = [variable.attrs["long_name"] for name, variable in found.data_vars.items()]
-    assert len(set(texts)) == len(texts) - 3  # the share of measurement is of the same error, its comment says so
+    assert len(set(texts)) == len(texts)
+    assert "share of the random errors of vectors" in found.u_mean_std_measurement.attrs["long_name"]
     assert str(INTERVAL) in found.u_mean_std.attrs["comment"]
 
 

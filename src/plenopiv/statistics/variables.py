@@ -34,11 +34,13 @@ def attributes(name: str) -> dict[str, Any]:
         if not base.endswith(("_noise", "_samples")):
             found["ancillary_variables"] = f"{name}_std samples"  # CF 1.11, section 3.4
         return found
+    long_name = STD.format(text)
     if name.endswith("_measurement"):
+        long_name += ", share of the random errors of vectors"
         comment = "the share of the random errors of vectors, contained in the standard deviation without this suffix"
     else:
         comment = STD_COMMENT + ("; and of what is taken off" if "corrected" in name else "")
-    return {"units": units, "long_name": STD.format(text), "comment": comment}
+    return {"units": units, "long_name": long_name, "comment": comment}
 
 
 def _meaning(base: str) -> tuple[str, str]:
