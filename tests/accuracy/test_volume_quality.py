@@ -52,6 +52,13 @@ def test_empty_and_unlike_volumes():
         reconstruction_quality(DenseVolume(small, np.zeros((2, 2, 2), np.float32)), empty)
 
 
+def test_volumes_in_different_places_are_unlike():
+    exact = exact_volume([[0.0, 0.0, 0.0]], 1.0, GRID)
+    moved = VoxelGrid((6.5, -0.3, -1.0), GRID.voxel_mm, GRID.shape)
+    with pytest.raises(PlenoPIVError, match="one grid"):
+        reconstruction_quality(DenseVolume(moved, exact.values), exact)
+
+
 def test_the_exact_volume_holds_each_particle_s_light_where_it_is():
     places, light = np.array([[-0.21, 0.05, -0.33], [0.17, -0.11, 0.41]]), np.array([2.0, 5.0])
     volume = exact_volume(places, light, GRID)

@@ -23,12 +23,11 @@ def reconstruction_quality(reconstructed: Volume, exact: Volume) -> float:
     particle: numbers compare only where E0 was made alike. NaN where a volume is empty.
 
     Raises:
-        PlenoPIVError: the volumes have different shapes.
+        PlenoPIVError: the volumes have different grids.
     """
-    if reconstructed.grid.shape != exact.grid.shape:
+    if not reconstructed.grid.agrees_with(exact.grid):
         raise PlenoPIVError(
-            f"accuracy: volumes of {reconstructed.grid.shape} and {exact.grid.shape} voxels cannot be compared; "
-            "make both on one grid"
+            f"accuracy: volumes of {reconstructed.grid!r} and {exact.grid!r} cannot be compared; make both on one grid"
         )
     product = squares_1 = squares_0 = 0.0
     for lo in range(0, exact.grid.shape[0], PLANES):
