@@ -15,6 +15,7 @@ from plenopiv.simulation.particles import seed_box
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
 from plenopiv.volume import VoxelGrid
 
+RNG = np.random.default_rng(5)
 VOLUME_MM = ((-1.7, 1.7), (-1.3, 1.3), (-2.5, 2.5))
 
 
@@ -71,6 +72,14 @@ def test_what_the_camera_states_makes_no_difference():
     stated = layout(replace(field.layout.camera, blur_mm=0.05))
     other = PlenopticProjector(stated, projector.grid, "1-ray")
     assert lens_blur(LightField(stated, field.values), other) == lens_blur(field, projector)
+
+
+def test_a_narrow_sensor_tells_nothing():
+    camera = small_camera("hexagonal", microlenses=(5, 100))
+    x, y = 0.077 * 5 / 2, 0.077 * 100 / 2
+    where, grid = layout(camera), VoxelGrid.covering((-x, x), (-y, y), (-0.5, 0.5), (0.017, 0.017, 0.077))
+    frame = digitise(np.full((camera.sensor.rows, camera.sensor.columns), 9.0), camera.sensor, SensorNoise(), RNG)
+    assert lens_blur(decode(frame, where), PlenopticProjector(where, grid, "1-ray")) is None
 
 
 def test_a_small_volume_tells_nothing():

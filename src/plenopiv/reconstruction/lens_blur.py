@@ -44,6 +44,7 @@ PHASES = 8  # pairs of microlenses, for each lag, whose phases the model takes
 LEAST, SURE = 0.13, 3.0  # pitches and error bars below which a blur is none: of sharp lenses up to 0.11 is found
 USUAL = 0.2  # left of the correlations of a thousand microlenses and more, at most
 FEWEST = 200  # microlenses whose rays stay in the volume
+FEWEST_ACROSS, FEWEST_ROWS = 13, 9  # microlenses of a sensor that has some with all lags about them
 
 Array = NDArray[np.float64]
 
@@ -78,9 +79,11 @@ class Lag(NamedTuple):
 
 
 def lens_blur(lightfield: LightField, projector: PlenopticProjector) -> LensBlur | None:
-    """The main lens' blur from the light of one frame, whatever the camera states of it; None where the volume is too
-    small or the frame too dark to tell. ``projector``: of the volume."""
+    """The main lens' blur from the light of one frame, whatever the camera states of it; None where the volume or
+    the sensor is too small or the frame too dark to tell. ``projector``: of the volume."""
     where = lightfield.layout
+    if where.ni < FEWEST_ACROSS or where.nj < FEWEST_ROWS:
+        return None
     views = projector.whole_views
     inside = np.zeros((where.views, where.nj, where.ni), bool)
     for view in views:
