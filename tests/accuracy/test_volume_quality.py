@@ -115,3 +115,11 @@ def test_light_far_from_every_particle_is_a_ghost():
     assert np.isnan(ghost_light(DenseVolume(GRID, 0 * values), [place]))
     mask = SparseVolume.from_mask(GRID, values > 0)
     assert ghost_light(mask.with_values(np.array([1, 4, 2], np.float32)), [place]) == pytest.approx(4 / 7)
+
+
+def test_the_centre_of_even_light_is_where_it_was_sought():
+    """The voxels at both ends of the reach count."""
+    even = DenseVolume(GRID, np.ones(GRID.shape, np.float32))
+    place = np.add(GRID.first_mm, (10 * 0.02, 12 * 0.02, 11 * 0.08))
+    centre = intensity_centre_mm(even, tuple(place), (3 * 0.02, 3 * 0.02, 3 * 0.08))
+    np.testing.assert_allclose(centre, place, atol=1e-9)

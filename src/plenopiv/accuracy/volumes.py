@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import erf
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.volume import DenseVolume, Volume, VoxelGrid
+from plenopiv.volume import SAME, DenseVolume, Volume, VoxelGrid
 
 PLANES = 16  # of a volume that are dense in memory at a time
 REACH = 4.0  # standard deviations of a particle's Gaussian
@@ -101,13 +101,15 @@ def near_particles(grid: VoxelGrid, position_mm: ArrayLike, reach_voxels: float 
 def intensity_centre_mm(
     volume: Volume, near_mm: tuple[float, float, float], reach_mm: tuple[float, float, float]
 ) -> NDArray[np.float64]:
-    """Intensity-weighted centre (x, y, z) in mm of the voxels within ``reach_mm`` of ``near_mm`` along each axis.
+    """Intensity-weighted centre (x, y, z) in mm of the voxels whose centres are within ``reach_mm`` of ``near_mm``
+    along each axis, those at both ends included.
 
     NaN where they are empty. The paper's Fig. 9a compares this centre with the particle's.
     """
     spans = []
-    for axis, near, reach in zip(volume.grid.axes(), near_mm, reach_mm, strict=True):
-        spans.append(slice(*np.searchsorted(axis, [near - reach, near + reach], side="left")))
+    for axis, side, near, reach in zip(volume.grid.axes(), volume.grid.voxel_mm, near_mm, reach_mm, strict=True):
+        far = reach + SAME * side  # a voxel at either end counts, whichever way its place is rounded
+        spans.append(slice(*np.searchsorted(axis, [near - far, near + far])))
     x, y, z = (axis[span] for axis, span in zip(volume.grid.axes(), spans, strict=True))
     box = volume.slab(spans[2].start, spans[2].stop)[:, spans[1], spans[0]].astype(np.float64)
     total = box.sum()
