@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from math import cos, degrees, radians, sin
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
@@ -233,13 +233,18 @@ def layout(camera: PlenopticCamera, unusable: NDArray[np.bool_] | None = None) -
     return Layout(camera, *block, offsets[keep], pixel, phase, fill[keep], seen[keep], left, lit)
 
 
-def decode(image: NDArray, where: Layout) -> LightField:
+def decode(image: ArrayLike, where: Layout) -> LightField:
     """An upright raw image (rows, columns) in counts as a light field.
 
-    Raises PlenoPIVError for an image of another size than the sensor, and a pixel that is an equation and no finite
-    number.
+    Raises PlenoPIVError for an image of another size than the sensor, masked pixels, and a pixel that is an equation
+    and no finite number.
     """
     sensor = where.camera.sensor
+    if np.ma.is_masked(image):  # counts beneath a mask would be taken as measured
+        raise PlenoPIVError(
+            "frame: is a masked array and hides pixels; leave them out with Chain(unusable=mask), and give image.data"
+        )
+    image = np.asarray(image)  # xarray and lists are indexed in other ways
     check_pixels(image, sensor, "frame")
     values = np.zeros((where.views, where.lenses), np.float32)
     for v, (m, n) in enumerate(where.offsets):

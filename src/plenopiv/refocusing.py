@@ -15,6 +15,7 @@ Pictures are for inspection; reconstruction uses the raw pixels.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,7 +38,12 @@ def image_axes(camera: PlenopticCamera, step_mm: float | None = None) -> tuple[A
 
     They cover the focal plane as far as the sensor sees it through the middle of the main lens; ``step_mm`` apart, by
     default p_l/|M|, one microlens.
+
+    Raises:
+        PlenoPIVError: ``step_mm`` is not positive.
     """
+    if step_mm is not None and not 0 < step_mm < inf:
+        raise PlenoPIVError(f"step_mm = {step_mm:g} between a picture's pixels; give a positive number of mm")
     magnified = abs(camera.main_lens.magnification)
     step = camera.lattice.pitch_mm / magnified if step_mm is None else step_mm
     counts = [max(1, int(2 * half / magnified / step)) for half in half_sensor_mm(camera)]
@@ -57,8 +63,7 @@ def sub_aperture(
         PlenoPIVError: there is no such view.
     """
     where = lightfield.layout
-    if not 0 <= view < where.views:
-        raise PlenoPIVError(f"view {view}: this camera has views 0 to {where.views - 1}")
+    _check_view(view, where)
     x, y = _axes(where.camera, x_mm, y_mm)
     return _picture(*_seen_through(lightfield, view, 0.0, x, y), x, y, 0.0)
 
@@ -77,7 +82,7 @@ def refocused(
     ``z_mm``; NaN where no view sees.
 
     Raises:
-        PlenoPIVError: z is not in front of the main lens.
+        PlenoPIVError: z is not in front of the main lens, or there is no such view.
     """
     where = lightfield.layout
     lens_z = where.camera.main_lens.object_distance_mm
@@ -86,10 +91,16 @@ def refocused(
     x, y = _axes(where.camera, x_mm, y_mm)
     light, share = np.zeros((y.size, x.size)), np.zeros((y.size, x.size))
     for view in range(where.views) if views is None else views:
+        _check_view(view, where)
         counts, lit = _seen_through(lightfield, view, z_mm, x, y)
         light += counts
         share += lit
     return _picture(light, share, x, y, z_mm)
+
+
+def _check_view(view: int, where: Layout) -> None:
+    if not 0 <= view < where.views:
+        raise PlenoPIVError(f"view {view}: this camera has views 0 to {where.views - 1}")
 
 
 def _axes(camera: PlenopticCamera, x_mm: ArrayLike | None, y_mm: ArrayLike | None) -> tuple[Axis, Axis]:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray
 from oracles.cameras import small_camera
 from oracles.light import disc_rectangle_area
 
@@ -129,6 +130,22 @@ def test_a_pixel_that_is_no_number_is_refused_unless_it_is_masked(value):
         decode(image, where)
     masked = layout(camera, ~np.isfinite(image))
     assert decode(image, masked).values.max() == 40.0
+
+
+def test_a_frame_may_be_a_list_or_of_xarray():
+    where, sensor = LAYOUTS["square-14"], CAMERAS["square-14"].sensor
+    image = np.random.default_rng(0).integers(0, 4000, (sensor.rows, sensor.columns)).astype(np.uint16)
+    expected = decode(image, where).values
+    for same in (xarray.DataArray(image, dims=("y", "x")), image.tolist(), np.ma.masked_array(image)):
+        np.testing.assert_array_equal(decode(same, where).values, expected)
+
+
+def test_a_masked_array_that_hides_pixels_is_refused():
+    where = LAYOUTS["square-14"]
+    image = np.ma.zeros((where.camera.sensor.rows, where.camera.sensor.columns))
+    image[10, 10] = np.ma.masked
+    with pytest.raises(PlenoPIVError, match=r"hides pixels; leave them out with Chain\(unusable=mask\)"):
+        decode(image, where)
 
 
 def test_the_brightest_finite_pixels_are_taken():

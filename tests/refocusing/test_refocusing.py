@@ -156,3 +156,18 @@ def test_what_cannot_be_looked_at():
         sub_aperture(lf, LAYOUTS["square"].views)
     with pytest.raises(PlenoPIVError, match="not in front of the main lens"):
         refocused(lf, 100.0)
+
+
+@pytest.mark.parametrize("view", [500, -1])
+def test_a_view_that_there_is_not_is_refused(view):
+    where = LAYOUTS["square"]
+    field = decode(np.zeros((where.camera.sensor.rows, where.camera.sensor.columns)), where)
+    for look in (lambda: refocused(field, 0.5, views=[view]), lambda: sub_aperture(field, view)):
+        with pytest.raises(PlenoPIVError, match=f"view {view}: this camera has views 0 to {where.views - 1}"):
+            look()
+
+
+@pytest.mark.parametrize("step_mm", [0.0, -0.1, np.nan])
+def test_a_picture_of_no_pixels_is_refused(step_mm):
+    with pytest.raises(PlenoPIVError, match="give a positive number of mm"):
+        image_axes(small_camera(), step_mm)
