@@ -61,7 +61,11 @@ def test_a_field_for_each_phase(masked, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("lines", "options", "words"),
     [
-        ("0,5\n1,185\n", ["--ensemble", "--bins", "3"], "has a phase of 120 +- 60; use fewer bins than 3"),
+        (
+            "0,5\n1,185\n",
+            ["--ensemble", "--bins", "3"],
+            "has a phase of 120 +- 60; use fewer bins than 3, of which 2 are filled",
+        ),
         ("0,5\n2,185\n", ["--ensemble"], "names pair 2, the series has pairs 0 to 1"),
         ("0,5\n1,185\n", [], "--phase: averages correlations; give --ensemble too"),
     ],

@@ -73,9 +73,10 @@ class Ensembles:
         pairs = tuple(tuple(number for number in usable if bin_of.get(number) == k) for k in range(bins))
         for k, numbers in enumerate(pairs):
             if not numbers:
+                filled = sum(map(bool, pairs))
                 raise PlenoPIVError(
                     f"{phases.source}: no pair that was measured has a phase of {k * step:g} +- {step / 2:g}; use "
-                    f"fewer bins than {bins}"
+                    f"fewer bins than {bins}, of which {filled} are filled"
                 )
         return cls(kept, pairs, count - sum(map(len, pairs)), tuple(k * step for k in range(bins)), phases.period)
 
