@@ -12,6 +12,7 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.sensor import Sensor
 from plenopiv.simulation.board import board_image
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
+from plenopiv.tracking.camera_changes import changed
 
 SENSOR = Sensor(400, 400, 0.0055, 12, 60.0)  # the paper's field of view, 151.6 mm, on fewer pixels
 SCALE = 2048 * 0.074 / 400
@@ -108,6 +109,27 @@ def test_dots_are_numbered_along_x_and_y():
     of = {tuple(n): p for n, p in zip(dots.number.tolist(), dots.pixel, strict=True)}
     assert of[1, 0][0] > of[0, 0][0] + 10
     assert of[0, 1][1] < of[0, 0][1] - 10
+
+
+@pytest.mark.parametrize("angles", [(0.0, 0.0), (20.0, 20.0)])
+@pytest.mark.parametrize("turned_deg", [-36.0, 36.0, 40.0, 44.0])
+def test_a_camera_may_be_turned_by_nearly_45_degrees(angles, turned_deg):
+    """Diagonals of the grid then lie nearer to the image's axes than the dots beside the origin's."""
+    camera = changed(placed(*angles), np.array([0, 0, np.radians(turned_deg), 0, 0, 0, 0.0]))
+    dots = find_dots(board_image(camera, 0.0, side_mm=60.0))
+    assert len(dots.number) >= 100
+    points = np.column_stack([5.0 * dots.number, np.zeros(len(dots.number))])
+    assert np.abs(dots.pixel - camera.project(points)).max() <= 0.1
+
+
+def test_bright_spots_off_the_grid_are_refused_where_they_are_the_most():
+    image = board_image(placed(0.0, 0.0), 0.0, side_mm=24.0)
+    typical = image[image > 0.5 * image.max()].mean()
+    for row, column in np.random.default_rng(0).permutation(np.argwhere(np.ones((24, 24))))[:200] * 16 + 8:
+        if np.hypot(row - 190, column - 206) > 60:
+            image[row : row + 4, column : column + 4] = typical
+    with pytest.raises(PlenoPIVError, match=r"camera 3: of .* dots only .* lie on one grid with the largest; check"):
+        find_dots(image, "camera 3")
 
 
 @pytest.mark.parametrize("missing", [(1, 0), (-1, 0), (0, 1), (0, -1)])

@@ -2,7 +2,7 @@
 
 The board: bright round dots on a dark ground, on a square grid, in a plane z = constant. The dot on the grid's origin
 is larger than the others; from it, columns grow along +x and rows along -y, as in every upright image, so the camera
-may be turned about its line of sight by less than 45 degrees.
+may be turned about its line of sight by less than 45 degrees, as the grid appears in the image.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FEWEST_PIXELS = 6  # of a dot
 RIM_PX = 2  # around a dot, that its centre is taken over
 SMALLEST, LARGEST = 0.3, 4.0  # area of a dot, in those of the median one
 ORIGIN = 1.4  # area of the origin's dot in those of the next largest, at least
-SHORTER = 0.75  # of a step: the opposite one, where a dot is missing and the next after it was taken
+ACROSS = 0.6  # sine of the angle between steps along x and y, at least; 0.9 is that of a board tilted by 45 degrees
 NEAR = 0.3  # of the grid's step: largest distance of a dot from where its neighbours predict it
 
 
@@ -45,7 +45,8 @@ def find_dots(image: NDArray, name: str = "board image") -> Dots:
     A centre is the mean place of the light above the dark ground, over the dot and a rim of two pixels. Dots at the
     border of the image are left out, and those that no chain of neighbours joins to the origin's.
 
-    Raises PlenoPIVError, ``name`` first, where there are no dots, or none stands out as the origin's.
+    Raises PlenoPIVError, ``name`` first, where there are no dots, none stands out as the origin's, or fewer than half
+    of them are on its grid.
     """
     pixel, area = _blobs(np.asarray(image, np.float64), name)
     largest, second = np.argsort(area)[[-1, -2]]
@@ -59,6 +60,11 @@ def find_dots(image: NDArray, name: str = "board image") -> Dots:
         raise PlenoPIVError(
             f"{name}: only {len(number)} dots lie on one grid with the largest; check that the board is flat, lit "
             "evenly and not turned by 45 degrees"
+        )
+    if 2 * len(number) < len(pixel):
+        raise PlenoPIVError(
+            f"{name}: of {len(pixel)} dots only {len(number)} lie on one grid with the largest; check that the camera "
+            "is turned by less than 45 degrees about its line of sight, and that nothing else in the image is bright"
         )
     of = np.array(sorted(number))
     return Dots(pixel[of], np.array([number[n] for n in of]))
@@ -122,24 +128,18 @@ def number_dots(pixel: NDArray[np.float64], origin: int) -> dict[int, tuple[int,
 
 
 def _first_steps(pixel: NDArray[np.float64], origin: int, tree: cKDTree) -> tuple[NDArray, NDArray] | None:
-    """Steps (column, row) to the origin's neighbours along +x and +y: those most to the right and most upward among
-    the nearest eight; where one is missing, the step from its opposite."""
+    """Steps (column, row) along +x and +y at the origin: the shortest to the nearest eight dots and the shortest across
+    it, either way, so that one dot beside the origin's may be missing; of the four ways round that which is
+    most to the right and upward."""
     _, near = tree.query(pixel[origin], k=9)
     off = pixel[near[1:]] - pixel[origin]
-    along_x = _nearest_within(off, np.array([1.0, 0.0]))
-    along_y = _nearest_within(off, np.array([0.0, -1.0]))
-    return None if along_x is None or along_y is None else (along_x, along_y)
-
-
-def _nearest_within(off: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The shortest of ``off`` (n, 2) about the direction ``axis`` (2,), or the shortest about the opposite one, turned
-    round, where that is clearly shorter; None where there is neither."""
-    along, across = off @ axis, np.abs(off @ axis[::-1])
-    found = None
-    for sign in (1.0, -1.0):
-        those = sign * off[across < 0.7 * sign * along]
-        if len(those):
-            shortest = those[np.argmin(np.hypot(*those.T))]
-            if found is None or np.hypot(*shortest) < SHORTER * np.hypot(*found):
-                found = shortest
-    return found
+    off = off[np.argsort(np.hypot(*off.T))]
+    first = off[0]
+    across = np.abs(first[0] * off[:, 1] - first[1] * off[:, 0]) / (np.hypot(*first) * np.hypot(*off.T))
+    if not (across > ACROSS).any():
+        return None
+    second = off[np.argmax(across > ACROSS)]
+    if first[0] * second[1] > first[1] * second[0]:  # rows grow downward: y is the quarter turn from x toward smaller
+        second = -second
+    ways = ((first, second), (second, -first), (-first, -second), (-second, first))
+    return max(ways, key=lambda way: way[0][0] / np.hypot(*way[0]) - way[1][1] / np.hypot(*way[1]))
