@@ -204,8 +204,30 @@ def test_nine_dots_are_enough():
 
 
 def test_a_wrong_depth_is_told():
-    with pytest.warns(PlenoPIVWarning, match="camera: dots miss the fitted camera by .* px RMS; check"):
-        calibrate_pinhole([board_image(placed(), z) for z in DEPTHS], (-10.0, 5.0, 10.0), SENSOR, pitch_mm=5.0)
+    boards = [board_image(placed(), z) for z in DEPTHS]
+    with pytest.warns(PlenoPIVWarning, match=r"camera: dots miss the fitted camera by .* px RMS; check"):
+        calibrate_pinhole(boards, (-10.0, 0.5, 10.0), SENSOR, pitch_mm=5.0)
+    with pytest.raises(PlenoPIVError, match=r"camera 2: dots miss the fitted camera by .* px RMS"):
+        calibrate_pinhole(boards, (-10.0, 5.0, 10.0), SENSOR, pitch_mm=5.0, name="camera 2")
+    with pytest.raises(PlenoPIVError, match=r"by .* px RMS; check the dots' pitch in mm"):
+        calibrate_pinhole(boards, DEPTHS, SENSOR, pitch_mm=0.005)
+
+
+@pytest.mark.parametrize("angles", [(20.0, -15.0), (0.0, 25.0)])
+def test_depths_that_grow_away_from_the_camera_are_refused(angles):
+    """The dots alone would also fit another camera, within a pixel or so where it is far away."""
+    boards = [board_image(placed(*angles), z) for z in DEPTHS]
+    with pytest.raises(PlenoPIVError, match=r"camera 2: the dots are seen as in a mirror; .* turn the signs of z_mm"):
+        calibrate_pinhole(boards, DEPTHS[::-1], SENSOR, pitch_mm=5.0, name="camera 2")
+
+
+def test_dots_behind_the_fitted_camera_are_refused(monkeypatch):
+    camera = placed()
+    points = np.random.default_rng(0).uniform(-30, 30, (40, 3))
+    behind = replace(camera, position_mm=tuple(-p for p in camera.position_mm))
+    monkeypatch.setattr("plenopiv.calibration.pinhole_fit._camera", lambda *_: behind)
+    with pytest.raises(PlenoPIVError, match="camera 2: 40 dots are not in front of the fitted camera; check"):
+        fit_pinhole(points, camera.project(points), SENSOR, "camera 2")
 
 
 def test_points_in_one_plane_do_not_fix_a_camera():

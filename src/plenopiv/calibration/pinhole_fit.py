@@ -22,7 +22,9 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.sensor import Sensor
 
 FEWEST_POINTS = 12
-POOR_PX = 0.5  # RMS that is worth a warning
+POOR_PX = 0.1  # RMS that is worth a warning; noisy boards have 0.02
+WRONG_PX = 2.0  # RMS of what is no pinhole camera of these dots
+REMEDY = "check the dots' pitch in mm, the z of each image in mm, and that the board moved along z alone"
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,8 @@ def fit_pinhole(
 ) -> PinholeFit:
     """The camera that images ``points_mm`` (n, 3) nearest to ``pixels`` (n, 2) as (column, row), by least squares.
 
-    Raises PlenoPIVError for fewer than 12 points, points in one plane, and numbers that are not finite. Warns
-    (``PlenoPIVWarning``) where no such camera fits to half a pixel.
+    Raises PlenoPIVError for fewer than 12 points, points in one plane, numbers that are not finite, depths of reversed
+    sign, and where no such camera fits to 2 px. Warns (``PlenoPIVWarning``) where none fits to 0.1 px.
     """
     from scipy.optimize import least_squares
 
@@ -88,7 +90,7 @@ def fit_pinhole(
             f"{name}: {len(points_mm)} dots, or all in one plane, do not fix a camera; give {FEWEST_POINTS} or more at "
             "two or more depths"
         )
-    start = linear_pinhole(points_mm, pixels, sensor)
+    start = linear_pinhole(points_mm, pixels, sensor, name)
     first = np.array([
         *start.position_mm, *start.rotation_rad, start.focal_length_px, *start.principal_point, *start.distortion
     ])  # fmt: skip
@@ -99,13 +101,16 @@ def fit_pinhole(
 
     found = least_squares(residual, first, x_scale="jac", method="lm", xtol=1e-12, ftol=1e-12)
     fit = PinholeFit(_camera(found.x, sensor), found.fun.reshape(-1, 2))
-    if fit.rms_px > POOR_PX:
-        warnings.warn(
-            f"{name}: dots miss the fitted camera by {fit.rms_px:.2g} px RMS; check the dots' pitch, the z of each "
-            "image, and that the board moved along z alone",
-            PlenoPIVWarning,
-            stacklevel=2,
+    behind = int(np.isnan(fit.camera.project(points_mm)).any(1).sum())
+    if behind:
+        raise PlenoPIVError(
+            f"{name}: {behind} dots are not in front of the fitted camera; {REMEDY}, and that z grows toward the camera"
         )
+    if fit.rms_px > POOR_PX:
+        said = f"{name}: dots miss the fitted camera by {fit.rms_px:.2g} px RMS; {REMEDY}"
+        if fit.rms_px > WRONG_PX:
+            raise PlenoPIVError(said)
+        warnings.warn(said, PlenoPIVWarning, stacklevel=2)
     return fit
 
 
@@ -115,8 +120,14 @@ def _camera(parameters: NDArray, sensor: Sensor) -> PinholeCamera:
     return PinholeCamera((x, y, z), (rx, ry, rz), max(focal, 1e-3), sensor, (column0, row0), (k1, k2))
 
 
-def linear_pinhole(points_mm: NDArray[np.float64], pixels: NDArray[np.float64], sensor: Sensor) -> PinholeCamera:
-    """The camera without distortion by the direct linear transformation; ``points_mm`` (n, 3), ``pixels`` (n, 2)."""
+def linear_pinhole(
+    points_mm: NDArray[np.float64], pixels: NDArray[np.float64], sensor: Sensor, name: str = "camera"
+) -> PinholeCamera:
+    """The camera without distortion by the direct linear transformation; ``points_mm`` (n, 3), ``pixels`` (n, 2).
+
+    Raises PlenoPIVError where the points are seen as in a mirror: z does not grow toward the camera, or the images are
+    mirrored.
+    """
     to_points, points = _normalised(points_mm)
     # image plane with its second axis upward, as the camera's
     to_plane, plane = _normalised(pixels * (1.0, -1.0))
@@ -130,6 +141,11 @@ def linear_pinhole(points_mm: NDArray[np.float64], pixels: NDArray[np.float64], 
     triangle /= triangle[2, 2]
     position = -np.linalg.solve(matrix[:, :3], matrix[:, 3])
     axes = axes * np.array([[1.0], [1.0], [-1.0]])  # right, up, forward -> right, up, backward
+    if np.linalg.det(axes) < 0:  # left-handed: no rotation makes them
+        raise PlenoPIVError(
+            f"{name}: the dots are seen as in a mirror; z grows toward the camera: turn the signs of z_mm, and check "
+            "that the images are upright and not mirrored"
+        )
     x, y, z = (float(p) for p in position)
     return PinholeCamera(
         (x, y, z),
