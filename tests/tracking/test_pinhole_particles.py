@@ -205,7 +205,9 @@ def test_noise_of_each_camera_is_its_own():
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [((CAMERAS[:1], 0.7), "two or more"), ((CAMERAS, 0.0), "positive"), ((CAMERAS, [0.7, 0.7]), "one of each"),
+    [((CAMERAS[:1], 0.7), "two or more"),
+     ((CAMERAS[:1] * 2, 0.7), "lines of sight of these cameras do not cross"),
+     ((CAMERAS, 0.0), "positive"), ((CAMERAS, [0.7, 0.7]), "one of each"),
      ((CAMERAS, 0.7, (0, 0, 900.0)), "in front"),
      ((CAMERAS, [0.7, np.nan, 0.7, 0.7]), "image_px of the cameras is 0.7, nan, 0.7, 0.7; give positive"),
      ((CAMERAS, 0.7, (0, 0, 0), 0.0), "brightness of the cameras is 0, 0, 0, 0; give positive"),

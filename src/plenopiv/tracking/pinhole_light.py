@@ -27,6 +27,7 @@ TOGETHER = 4096  # particles whose light is computed at a time
 PRIOR_PX = 3.0  # by which a particle may be off in each camera that pixels tell next to nothing of
 CERTAIN = 6.0  # times what noise alone would have
 FAR = 10  # px, beyond a particle's image
+ALIKE = 1e5  # largest over least change of the pixels by a move: lines of sight differ by 2e-5 rad, and tell no depth
 FAINTEST = 0.05  # brightness of a camera: of one that shows less nothing is learnt
 
 Array = NDArray[np.float64]
@@ -67,7 +68,8 @@ class PinholeLights:
     each camera, over the first one's; by default 1.
 
     Raises:
-        PlenoPIVError: fewer than two cameras, numbers that are not as many as these, or an image without extent.
+        PlenoPIVError: fewer than two cameras, or all of them in one direction from ``centre_mm``; numbers that are not
+            as many as these; an image without extent.
     """
 
     def __init__(
@@ -100,6 +102,11 @@ class PinholeLights:
         moves = np.concatenate([camera.pixels_by_mm(self.centre_mm) for camera in self.cameras])
         if not np.isfinite(moves).all():
             raise PlenoPIVError("tracking: centre_mm is not in front of all cameras")
+        if not np.linalg.cond(moves) < ALIKE:
+            raise PlenoPIVError(
+                "cameras: lines of sight of these cameras do not cross in centre_mm, for all look from one direction; "
+                "give cameras that stand apart"
+            )
         self.unit_mm = 1.0 / np.sqrt((moves**2).sum(0) / count)
         self._spread_mm = np.sqrt(np.diag(np.linalg.inv(moves.T @ moves)))  # of a particle, a pixel off in each camera
 
