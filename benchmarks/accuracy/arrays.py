@@ -4,13 +4,15 @@
 
 The case in air of windows.py with a regular array; with rows 0.5 % further apart; and with microlenses 2 px further off
 the axis in the corner, as the cube of the distance. The experiment file knows of none of it: the white image tells.
-Results: RMS and bias along x, y, z in voxels, and RMS over that of the regular array.
+Results: RMS and bias along x, y, z in voxels, and RMS over that of the regular array; ends with 1 where that is above
+1.1 or a case is refused.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
 from math import hypot
 from pathlib import Path
 
@@ -46,6 +48,11 @@ def simulate(name, folder, pairs):
     )
 
 
+def failed(result):
+    """Whether a case was refused, or measured too much worse than the regular array."""
+    return "error" in result or max(result.get("rms_over_regular", [0.0])) > MOST
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(CASES))
@@ -59,10 +66,11 @@ def main():
         if options.again or not (folder / "experiment.toml").exists():
             simulate(name, folder, options.pairs)
         found = results[name] = measure("air", folder)
-        if "rms" in results.get("regular", {}):
+        if "rms" in found and "rms" in results.get("regular", {}):
             found["rms_over_regular"] = [a / b for a, b in zip(found["rms"], results["regular"]["rms"], strict=True)]
         RECORDED.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
         print(name, {key: found.get(key) for key in ("error", "rms", "bias", "gross", "answered", "rms_over_regular")})
+    sys.exit(1 if any(failed(results[name]) for name in options.names or CASES) else 0)
 
 
 if __name__ == "__main__":

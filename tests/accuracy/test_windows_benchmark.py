@@ -1,5 +1,6 @@
 """The benchmark of windows: what it measures in water is what it measures in air, seen through the window."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from plenopiv.simulation.real_images import traced
 
 SCRIPTS = Path(__file__).parents[2] / "benchmarks" / "accuracy"
 sys.path.insert(0, str(SCRIPTS))
+import arrays  # noqa: E402
 from conditions import DT_S  # noqa: E402
 from windows import BASE, CASES, FlowSeen, Seen, case_camera, flow_in_air, on_truth, slopes  # noqa: E402
 
@@ -71,3 +73,19 @@ def test_scores_are_those_of_the_field_as_seen():
     assert measured == pytest.approx(true * (1.0, 1.0, 0.98), abs=1e-9)
     moving = [0, 2]
     assert slopes(true[:, moving], measured[:, moving])["slope"] == pytest.approx([1.0, 0.98])
+
+
+@pytest.mark.parametrize(
+    ("stretched", "code"),
+    [({"rms": [0.02, 0.02, 0.05]}, 0), ({"rms": [0.02, 0.02, 0.07]}, 1), ({"error": "white image: no lattice"}, 1)],
+)
+def test_the_benchmark_of_arrays_fails_where_one_is_worse_or_refused(monkeypatch, tmp_path, stretched, code):
+    found = iter([{"rms": [0.02, 0.02, 0.05]}, dict(stretched)])
+    monkeypatch.setattr(arrays, "RECORDED", tmp_path / "arrays.json")
+    monkeypatch.setattr(arrays, "simulate", lambda *_: None)
+    monkeypatch.setattr(arrays, "measure", lambda *_: next(found))
+    monkeypatch.setattr(sys, "argv", ["arrays.py", "regular", "stretched", "--out", str(tmp_path)])
+    with pytest.raises(SystemExit) as ended:
+        arrays.main()
+    assert ended.value.code == code
+    assert list(json.loads((tmp_path / "arrays.json").read_text())) == ["regular", "stretched"]
