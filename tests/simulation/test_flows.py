@@ -127,6 +127,28 @@ def test_unknown_names_get_the_nearest():
         flow("lamb-oseen", axis="w")
 
 
+@pytest.mark.parametrize(
+    ("name", "key", "value"),
+    [
+        ("uniform", "velocity_m_s", [0.1, 0.2]),
+        ("uniform", "velocity_m_s", 0.1),
+        ("uniform", "velocity_m_s", "abc"),
+        ("shear", "drift_m_s", (0.0, np.nan, 0.0)),
+        ("shear", "rate_per_s", np.inf),
+        ("rotation", "rate_rad_s", "fast"),
+        ("rotation", "centre_mm", [[0.0, 0.0, 0.0]]),
+        ("lamb-oseen", "core_radius_mm", 0),
+        ("vortex-ring", "radius_mm", 0.0),
+        ("vortex-ring", "core_radius_mm", -0.8),
+        ("abc", "wavelength_mm", 0.0),
+        ("abc", "amplitudes_m_s", (0.1, True, 0.1)),
+    ],
+)
+def test_parameters_that_make_no_flow_are_named(name, key, value):
+    with pytest.raises(PlenoPIVError, match=f"flow: '{name}': {key} = .*; give"):
+        flow(name, **{key: value})
+
+
 def test_describe_names_flow_and_parameters():
     assert describe(flow("uniform", velocity_m_s=[0.1, 0, 0])) == ("uniform", {"velocity_m_s": (0.1, 0, 0)})
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
-from math import pi
+from math import isfinite, pi
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ Vector = tuple[float, float, float]
 Velocity = Callable[[NDArray], NDArray]
 M_PER_MM = 1e-3
 MM_PER_M = 1e3
+POSITIVE = ("core_radius_mm", "radius_mm", "wavelength_mm")
 
 
 def _axis(name: str) -> int:
@@ -31,11 +33,35 @@ def _axis(name: str) -> int:
     return "xyz".index(name)
 
 
+def _checked(velocity: Velocity) -> None:
+    """Raise PlenoPIVError, naming flow and parameter, where one is no number or three of its kind, or a length that
+    divides is not above zero."""
+    kind = type(velocity)
+    name = next((known for known, each in ANALYTIC.items() if each is kind), kind.__name__)
+    for each in fields(velocity):  # type: ignore[arg-type]
+        value, said = getattr(velocity, each.name), f"flow: '{name}': {each.name}"
+        if each.type == "Vector":
+            if not isinstance(value, tuple | list | np.ndarray) or len(value) != 3 or not all(map(_is_number, value)):
+                raise PlenoPIVError(f"{said} = {value!r:.60}; give three numbers, along x, y and z")
+        elif each.type == "float":
+            if not _is_number(value):
+                raise PlenoPIVError(f"{said} = {value!r:.60}; give a finite number")
+            if each.name in POSITIVE and not value > 0:
+                raise PlenoPIVError(f"{said} = {value!r:.60}; give a length above 0")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
+
+
 @dataclass(frozen=True)
 class Uniform:
     """The same velocity (u, v, w) in m/s everywhere."""
 
     velocity_m_s: Vector = (0.1, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        _checked(self)
 
     def __call__(self, points_mm: NDArray) -> NDArray:  # noqa: D102
         return np.broadcast_to(np.asarray(self.velocity_m_s, float), points_mm.shape).copy()
@@ -51,6 +77,7 @@ class Shear:
     drift_m_s: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        _checked(self)
         if _axis(self.component) == _axis(self.along):
             raise PlenoPIVError("flow: a shear's component and along must be two different axes")
 
@@ -67,6 +94,9 @@ class Rotation:
     rate_rad_s: float = 80.0
     centre_mm: Vector = (0.0, 0.0, 0.0)
     drift_m_s: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        _checked(self)
 
     def __call__(self, points_mm: NDArray) -> NDArray:  # noqa: D102
         r = points_mm - np.asarray(self.centre_mm, float)
@@ -87,6 +117,7 @@ class LambOseen:
     drift_m_s: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        _checked(self)
         _axis(self.axis)
 
     def __call__(self, points_mm: NDArray) -> NDArray:  # noqa: D102
@@ -120,6 +151,7 @@ class VortexRing:
     drift_m_s: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        _checked(self)
         _axis(self.axis)
 
     def __call__(self, points_mm: NDArray) -> NDArray:  # noqa: D102
@@ -157,6 +189,9 @@ class ABC:
     wavelength_mm: float = 4.8
     amplitudes_m_s: Vector = (0.1, 0.1, 0.1)
     drift_m_s: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        _checked(self)
 
     def __call__(self, points_mm: NDArray) -> NDArray:  # noqa: D102
         a, b, c = self.amplitudes_m_s
