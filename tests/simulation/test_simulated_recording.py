@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,11 +15,11 @@ from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.lattice import Lattice
 from plenopiv.sensor import Sensor
-from plenopiv.simulation.flows import flow
+from plenopiv.simulation.flows import Rotation, flow
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.sensor_noise import SensorNoise
-from plenopiv.simulation.simulated_recording import Seeding, WhiteLight, seed_pair, simulate_recording
+from plenopiv.simulation.simulated_recording import Seeding, WhiteLight, as_json, seed_pair, simulate_recording
 
 CAMERA = PlenopticCamera(
     MainLens(50.0, 25.0, -1.0),
@@ -39,6 +40,27 @@ def write(folder, **options):
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     return write(tmp_path_factory.mktemp("recording") / "r")
+
+
+def test_numbers_and_arrays_of_numpy_are_recorded_as_others(tmp_path, recorded):
+    """Files are written last: one that cannot be written would lose all that was simulated."""
+    turned = flow("rotation", rate_rad_s=np.float32(80), drift_m_s=np.array([0.0, 0.1, 0.0]))
+    moved = Rotation(np.float32(80), drift_m_s=np.array([0.0, 0.1, 0.0]))
+    for name, given in (("by name", turned), ("as it is", moved)):
+        written = simulate_recording(
+            tmp_path / name,
+            CAMERA,
+            given,
+            dt_s=np.float64(5e-4),
+            volume_mm=np.array(VOLUME),
+            rays=2000,
+            seed=np.int64(3),
+        )
+        for file in ("truth.json", "optics.json"):
+            now, before = (json.loads((each.directory / file).read_text()) for each in (written, recorded))
+            assert now == before
+        assert np.array_equal(written.images["b"], recorded.images["b"])
+    assert json.loads(as_json({"path": Path("flow.nc"), "n": np.int64(3)})) == {"path": "flow.nc", "n": 3}
 
 
 def test_files_and_pixels(recorded):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import operator
 from dataclasses import asdict, dataclass, field, replace
 from math import isfinite
 from pathlib import Path
@@ -27,6 +27,7 @@ from plenopiv.simulation.simulated_recording import (
     COMPLETE,
     Seeding,
     WhiteLight,
+    as_json,
     check_settings,
     counted,
     of_pair,
@@ -129,6 +130,7 @@ def simulate_real_recording(
     """
     out = Path(directory)
     check_settings(out, dt_s, seed, overwrite)
+    seed = operator.index(seed)  # of NumPy it would overflow where seeds of images are made of it
     if pairs < 1:
         raise PlenoPIVError(f"simulation: pairs = {pairs}, give at least one")
     extras, seeding, noise = extras or Extras(), seeding or Seeding(), noise or SensorNoise()
@@ -208,7 +210,7 @@ def simulate_real_recording(
         tables=_tables(medium if medium_known else None, extras.targets), images=_image_lines(extras, pairs),
         seen_mm=_seen_mm(camera, volume_mm, index),
     )  # fmt: skip
-    texts = {"optics.json": json.dumps(known, indent=2), "truth.json": json.dumps(truth, indent=2), COMPLETE: text}
+    texts = {"optics.json": as_json(known), "truth.json": as_json(truth), COMPLETE: text}
     write_folder(out, images, {name: of_pair(*pair) for name, pair in moved.items()}, texts)
     return RealRecording(out, tuple(moved.values()), images)
 

@@ -7,7 +7,7 @@ truth_particles.npz            float64 ``position_mm`` (frames, n, 3): every par
 
 from __future__ import annotations
 
-import json
+import operator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from plenopiv.simulation.simulated_recording import (
     COMPLETE,
     Seeding,
     WhiteLight,
+    as_json,
     check_settings,
     optics_sheet,
     write_folder,
@@ -84,6 +85,7 @@ def simulate_sequence(
     """
     out = Path(directory)
     check_settings(out, dt_s, seed, overwrite)
+    seed = operator.index(seed)  # of NumPy it would overflow where seeds of images are made of it
     if frames < 2:
         raise PlenoPIVError(f"simulation: {frames} frame in a sequence, give at least two")
     seeding, noise = seeding or Seeding(), noise or SensorNoise()
@@ -116,10 +118,10 @@ def simulate_sequence(
     kind, parameters = describe(flow)
     truth = {"flow": kind, "seed": seed, "frames": frames, "flow_parameters": parameters}
     texts = {
-        "optics.json": json.dumps(
-            optics_sheet(camera, "upright", dt_s, wavelength_nm, seeding.particles_per_microlens, volume_mm), indent=2
+        "optics.json": as_json(
+            optics_sheet(camera, "upright", dt_s, wavelength_nm, seeding.particles_per_microlens, volume_mm)
         ),
-        "truth.json": json.dumps(truth, indent=2),
+        "truth.json": as_json(truth),
         COMPLETE: experiment_toml(
             camera,
             "upright",

@@ -10,6 +10,7 @@ truth_particles.npz         float32 (n, 3) positions in mm in frames ``a`` and `
 from __future__ import annotations
 
 import json
+import operator
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
@@ -144,6 +145,7 @@ def simulate_recording(
     """
     out = Path(directory)
     check_settings(out, dt_s, seed, overwrite)
+    seed = operator.index(seed)  # of NumPy it would overflow where seeds of images are made of it
     seeding, noise, white = seeding or Seeding(), noise or SensorNoise(), white or WhiteLight()
     # one stream for each purpose: changing the noise leaves the particles where they are
     seeding_rng, *noise_rngs = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4))
@@ -182,10 +184,10 @@ def simulate_recording(
         **({"drift": asdict(drift)} if drift else {}),
     }
     texts = {
-        "optics.json": json.dumps(
-            optics_sheet(camera, orientation, dt_s, wavelength_nm, seeding.particles_per_microlens, volume_mm), indent=2
+        "optics.json": as_json(
+            optics_sheet(camera, orientation, dt_s, wavelength_nm, seeding.particles_per_microlens, volume_mm)
         ),
-        "truth.json": json.dumps(truth, indent=2),
+        "truth.json": as_json(truth),
         COMPLETE: experiment_toml(camera, orientation, dt_s, volume_mm, voxel_mm or default_voxel_mm(camera), windows),
     }
     write_folder(out, images, {"truth_particles": of_pair(a, b)}, texts)
@@ -235,6 +237,13 @@ def optics_sheet(
         "recording": {"orientation": orientation, "dt_s": dt_s, "wavelength_nm": wavelength_nm},
         "seeding": {"particles_per_microlens": ppm, "depth_mm": list(volume_mm[2])},
     }
+
+
+def as_json(content: dict[str, Any]) -> str:
+    """Content of a JSON file; numbers and arrays of NumPy become numbers and lists, anything else text."""
+    return json.dumps(
+        content, indent=2, default=lambda v: v.tolist() if isinstance(v, np.generic | np.ndarray) else str(v)
+    )
 
 
 def of_pair(a: Particles, b: Particles) -> dict[str, NDArray]:
