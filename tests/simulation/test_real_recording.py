@@ -127,3 +127,19 @@ def test_on_the_command_line(tmp_path, capsys):
     assert said.count("\n") == 1
     assert "leave no air in front of the stop" in said
     assert not (tmp_path / "third").exists()
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (("z0/target.tif", "z1/target.tif"), "'z0/target.tif' cannot be the file of a target; give NAME.tif"),
+        (("t0.png", "t1.png"), "'t0.png' cannot be"),
+        (("t0.tif", "white.tif"), "'white.tif' cannot be .* none of white, a, b"),
+        (("t0.tif", "t0.tif"), "t0.tif, t0.tif name one file for two targets"),
+    ],
+)
+def test_files_of_targets_that_cannot_be_written_so_are_refused(names, said):
+    """Folder and suffix were left away: two images became one file, which the experiment file named otherwise."""
+    with pytest.raises(PlenoPIVError, match=said):
+        TargetPlanes(PLANES.target, (-0.5, 0.5), names=names)
+    assert TargetPlanes(PLANES.target, (-0.5, 0.5), names=("near.tif", "far.tif")).files() == ("near.tif", "far.tif")

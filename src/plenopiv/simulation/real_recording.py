@@ -38,6 +38,7 @@ from plenopiv.simulation.simulated_recording import (
 from plenopiv.simulation.targets import DotTarget
 from plenopiv.volume import Limits
 
+OURS = ("white", "a", "b", "dark", "background_a", "background_b")  # images that a recording has besides
 MEAN_OF = 20  # frames that dark image and images of static light are the mean of
 
 Counts = NDArray[np.uint16]
@@ -46,13 +47,29 @@ Counts = NDArray[np.uint16]
 @dataclass(frozen=True)
 class TargetPlanes:
     """Images of a target at ``z_mm`` of the laboratory; ``electrons_per_pixel`` in a pixel that sees only a dot.
-    ``names``: of their files, else target_00.tif, target_01.tif ...; ``samples``: rays of each pixel."""
+    ``names``: of their files, NAME.tif without a folder, else target_00.tif, target_01.tif ...; ``samples``: rays of
+    each pixel.
+
+    Raises PlenoPIVError for names of another kind, or one for two images.
+    """
 
     target: DotTarget
     z_mm: tuple[float, ...]
     electrons_per_pixel: float = 3000.0
     names: tuple[str, ...] | None = None
     samples: int = 2 * SAMPLES
+
+    def __post_init__(self) -> None:
+        files = self.files()
+        for name in files:
+            # all images lie in the recording's folder, as TIFF files
+            if Path(name).name != name or not name.endswith(".tif") or Path(name).stem in OURS:
+                raise PlenoPIVError(
+                    f"simulation: '{name}' cannot be the file of a target; give NAME.tif without a folder, and none of "
+                    f"{', '.join(OURS)}"
+                )
+        if len(set(files)) < len(files):
+            raise PlenoPIVError(f"simulation: {', '.join(files)} name one file for two targets; give each another name")
 
     def files(self) -> tuple[str, ...]:
         """Names of the images."""
