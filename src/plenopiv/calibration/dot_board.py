@@ -26,8 +26,7 @@ FEWEST_PIXELS = 6  # of a dot
 RIM_PX = 2  # around a dot, that its centre is taken over
 SMALLEST, LARGEST = 0.3, 4.0  # area of a dot, in those of the median one
 ORIGIN = 1.4  # area of the origin's dot in those of the next largest, at least
-ACROSS = 0.75  # sine of the angle between steps along x and y, at least: that of a diagonal is .71, of a board tilted by
-# 45 degrees .9
+ACROSS = 0.75  # sine of the angle between steps along x and y, at least; a diagonal's is .71, a tilted board's .9
 NEAR = 0.3  # of the grid's step: largest distance of a dot from where its neighbours predict it
 
 
