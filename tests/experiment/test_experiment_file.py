@@ -242,10 +242,15 @@ def test_a_volume_within_the_dead_zone_is_warned_about():
 
 def test_voxels_that_are_coarse_beside_a_microlens_are_warned_about():
     tables = changed("volume.voxel_mm", [0.0171428571, 0.0385, 0.077])
+    tables["correlation"]["windows"] = [[64, 48, 16]]
+    tables["volume"] |= {"x_mm": [-2.4, 2.4], "y_mm": [-2.0, 2.0]}
+    assert not any("voxel_mm" in line for line in Experiment.from_dict(tables).warnings())  # hardly off the axis
+    tables["volume"]["x_mm"] = [-3.0, 3.0]
     (line,) = (line for line in Experiment.from_dict(tables).warnings() if "voxel_mm" in line)
     assert line.startswith("volume.voxel_mm: 0.0385 mm along x or y is coarse beside what a microlens covers (0.077")
     assert line.endswith("give 0.019 mm or less")
-    assert Experiment.from_dict(changed("volume.voxel_mm", [0.0171428571, 0.01925, 0.077])).warnings() == []
+    tables["volume"]["voxel_mm"] = [0.0171428571, 0.01925, 0.077]
+    assert not any("voxel_mm" in line for line in Experiment.from_dict(tables).warnings())
 
 
 def test_windows_no_deeper_than_a_particle_s_image_are_warned_about():

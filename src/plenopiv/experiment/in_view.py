@@ -9,6 +9,8 @@ from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.experiment.tables import CorrelationTable, VolumeTable
 from plenopiv.volume import Limits
 
+SLANTED = 0.025  # slope of a line of sight from which on voxels must be fine beside a microlens
+
 
 def behind_lens(volume: VolumeTable, camera: PlenopticCamera, space: SpaceMap | None = None) -> list[str]:
     """A line where the volume is not in front of the main lens. ``space``: the volume is the laboratory's."""
@@ -51,7 +53,7 @@ def warnings(
             f"give windows {enough} voxels along z"
         )
     side, coarsest = max(volume.voxel_mm[:2]), coarsest_voxel_mm(camera)
-    if side > coarsest * (1 + 1e-6):
+    if side > coarsest * (1 + 1e-6) and _steepest(volume, camera, space) > SLANTED:
         lines.append(
             f"volume.voxel_mm: {side:.3g} mm along x or y is coarse beside what a microlens covers "
             f"({camera.lattice.pitch_mm / abs(camera.main_lens.magnification):.3g} mm): displacements lock to whole "
@@ -65,6 +67,13 @@ def warnings(
             f"{_seen_limits(volume, camera, space)}"
         )
     return lines
+
+
+def _steepest(volume: VolumeTable, camera: PlenopticCamera, space: SpaceMap | None) -> float:
+    """Largest slope against the optical axis of the line of sight to a place of the volume, along x or y."""
+    sides = _limits(volume) if space is None else space.lens_limits(_limits(volume))
+    aside = max(abs(limit) for side in sides[:2] for limit in side)
+    return aside / (camera.main_lens.object_distance_mm - sum(sides[2]) / 2)
 
 
 def _percent(share: float) -> str:
