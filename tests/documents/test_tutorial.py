@@ -62,5 +62,5 @@ def test_the_tutorial_as_written(tmp_path):
     check = next(out for out, block in zip(said, COMMANDS, strict=True) if "plenopiv check" in block)
     assert "run7/experiment.toml: good" in check  # as the page says
     assert not re.search(r"^(warning|unusable)", check, re.MULTILINE)
-    assert shown(SCORE, done.stdout) == pytest.approx(shown(SCORE, PAGE), abs=0.03)
-    assert shown(DEMO, done.stdout) == pytest.approx(shown(DEMO, PAGE), abs=0.03)
+    assert shown(SCORE, done.stdout) == pytest.approx(shown(SCORE, PAGE), abs=0.005)
+    assert shown(DEMO, done.stdout) == pytest.approx(shown(DEMO, PAGE), abs=0.005)
