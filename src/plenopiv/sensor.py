@@ -86,6 +86,11 @@ def middle_of(image: NDArray, part: Sensor) -> NDArray:
     return image[row : row + part.rows, column : column + part.columns]
 
 
+def at_full_scale(values: NDArray[np.float32], sensor: Sensor) -> NDArray[np.bool_]:
+    """Which pixels, in counts above the black level, are saturated."""
+    return values >= sensor.full_scale - sensor.black_level - 0.5
+
+
 def without(image: NDArray, unusable: NDArray[np.bool_] | None, sensor: Sensor) -> NDArray:
     """An image of counts with no light in pixels that are ``unusable``, None for none."""
     return image if unusable is None else np.where(unusable, image.dtype.type(sensor.black_level), image)

@@ -8,10 +8,9 @@ from plenopiv.cameras.pose import FRONT, SIDE
 from plenopiv.chain import Chain
 from plenopiv.lightfield import layout
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
-from plenopiv.reconstruction.candidates import at_full_scale
 from plenopiv.reconstruction.mart import mart
 from plenopiv.reconstruction.usable import usable_share
-from plenopiv.sensor import Sensor
+from plenopiv.sensor import Sensor, at_full_scale
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 pytestmark = pytest.mark.usefixtures("one_thread")

@@ -27,7 +27,7 @@ from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.projection.protocol import Projection
 from plenopiv.reconstruction.noise import Noise
 from plenopiv.reconstruction.settings import ReconstructionSettings
-from plenopiv.sensor import Sensor
+from plenopiv.sensor import at_full_scale
 from plenopiv.volume import SparseVolume
 
 LIT_MULTIPLE = 3.0  # a lit pixel stands this many standard deviations of the dark noise above the black level
@@ -159,11 +159,6 @@ def most_light(lightfield: LightField, noise: Noise) -> NDArray[np.float32]:
     bound = np.maximum(lightfield.values, 0) + np.float32(NOISE_MARGIN) * noise.std(lightfield.values)
     bound[saturated] = np.inf
     return bound
-
-
-def at_full_scale(values: NDArray[np.float32], sensor: Sensor) -> NDArray[np.bool_]:
-    """Which pixels, in counts above the black level, are saturated."""
-    return values >= sensor.full_scale - sensor.black_level - 0.5
 
 
 def saturated_pixels(values: NDArray[np.float32], projection: Projection) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVWarning
 from plenopiv.lightfield import LightField
-from plenopiv.sensor import Sensor
+from plenopiv.sensor import Sensor, at_full_scale
 
 NO_WHITE_IMAGE = 1.0  # counts per electron taken where nothing tells: more than cameras have at 12 bits
 INNER = 0.5  # of the aperture's radius: pixels of a white image that are lit alike
@@ -127,5 +127,5 @@ def _near_full_scale(values: NDArray[np.float32], sensor: Sensor) -> NDArray[np.
     their row."""
     from scipy.ndimage import binary_dilation
 
-    full = values >= sensor.full_scale - sensor.black_level - 0.5
+    full = at_full_scale(values, sensor)
     return binary_dilation(full, np.ones((1, 2 * BESIDE + 1))) if full.any() else full
