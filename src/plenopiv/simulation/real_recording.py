@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from dataclasses import asdict, dataclass, field, replace
 from math import isfinite
 from pathlib import Path
@@ -28,7 +27,7 @@ from plenopiv.simulation.simulated_recording import (
     Seeding,
     WhiteLight,
     as_json,
-    check_settings,
+    checked_seed,
     counted,
     of_pair,
     optics_sheet,
@@ -146,8 +145,7 @@ def simulate_real_recording(
     Raises PlenoPIVError as ``simulate_recording`` does, and where particles or targets are not in the fluid.
     """
     out = Path(directory)
-    check_settings(out, dt_s, seed, overwrite)
-    seed = operator.index(seed)  # of NumPy it would overflow where seeds of images are made of it
+    seed = checked_seed(out, dt_s, seed, overwrite)
     if pairs < 1:
         raise PlenoPIVError(f"simulation: pairs = {pairs}, give at least one")
     extras, seeding, noise = extras or Extras(), seeding or Seeding(), noise or SensorNoise()

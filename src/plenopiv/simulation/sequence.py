@@ -7,7 +7,6 @@ truth_particles.npz            float64 ``position_mm`` (frames, n, 3): every par
 
 from __future__ import annotations
 
-import operator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,7 +25,7 @@ from plenopiv.simulation.simulated_recording import (
     Seeding,
     WhiteLight,
     as_json,
-    check_settings,
+    checked_seed,
     optics_sheet,
     write_folder,
 )
@@ -84,8 +83,7 @@ def simulate_sequence(
         PlenoPIVError: as ``simulate_recording``; fewer than two frames.
     """
     out = Path(directory)
-    check_settings(out, dt_s, seed, overwrite)
-    seed = operator.index(seed)  # of NumPy it would overflow where seeds of images are made of it
+    seed = checked_seed(out, dt_s, seed, overwrite)
     if frames < 2:
         raise PlenoPIVError(f"simulation: {frames} frame in a sequence, give at least two")
     seeding, noise = seeding or Seeding(), noise or SensorNoise()

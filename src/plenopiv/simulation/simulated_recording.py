@@ -144,8 +144,7 @@ def simulate_recording(
     recording and ``overwrite`` is not set, and for settings out of range.
     """
     out = Path(directory)
-    check_settings(out, dt_s, seed, overwrite)
-    seed = operator.index(seed)  # of NumPy it would overflow where seeds of images are made of it
+    seed = checked_seed(out, dt_s, seed, overwrite)
     seeding, noise, white = seeding or Seeding(), noise or SensorNoise(), white or WhiteLight()
     # one stream for each purpose: changing the noise leaves the particles where they are
     seeding_rng, *noise_rngs = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4))
@@ -194,14 +193,19 @@ def simulate_recording(
     return SimulatedRecording(out, a, b, images)
 
 
-def check_settings(out: Path, dt_s: float, seed: int, overwrite: bool) -> None:
-    """Raise PlenoPIVError for a folder that holds a recording already, and for settings out of range."""
+def checked_seed(out: Path, dt_s: float, seed: int, overwrite: bool) -> int:
+    """The seed as a number of Python: one of NumPy would overflow where seeds of images are made of it.
+
+    Raises:
+        PlenoPIVError: the folder holds a recording already, or settings are out of range.
+    """
     if (out / COMPLETE).exists() and not overwrite:
         raise PlenoPIVError(f"{out}: holds a recording already, choose another folder or pass --overwrite")
     if not dt_s > 0:
         raise PlenoPIVError(f"simulation: dt_s = {dt_s}, give the time between frames in seconds")
     if seed < 0:
         raise PlenoPIVError(f"simulation: seed = {seed}, give 0 or a positive whole number")
+    return operator.index(seed)
 
 
 def counted(progress: Progress | None, before: int, total: int) -> Callable[[int, int], None] | None:
