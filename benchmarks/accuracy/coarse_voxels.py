@@ -30,9 +30,11 @@ from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.sensor_noise import SensorNoise, digitise
 from plenopiv.volume import VoxelGrid
 
+sys.path.append(str(Path(__file__).parents[1]))
+import page_tables
+
 RECORD = Path(__file__).with_suffix(".json")
 PAGE = Path(__file__).parents[2] / "docs" / "decisions" / "0086-voxels-no-coarser-than-a-quarter-of-a-microlens.md"
-BEGIN, END = "<!-- coarse voxels: begin -->\n", "<!-- coarse voxels: end -->"
 CAMERAS, SHARES, PLACES_MM = ("pmr14", "pmr8"), (0.2226, 0.28, 0.39, 0.5), (0.0, 3.5, 7.0)
 BEYOND, ALONG_X_MM, YZ_MM = (0.3, 0.5, 0.7), 0.09, (0.03, 0.1)
 HALF_MM, PARTICLES, ELECTRONS, WINDOW_MM = (1.5, 0.95, 2.0), 600, 20_000.0, 1.65
@@ -96,7 +98,7 @@ def measure() -> list[dict[str, float | str]]:
     return told
 
 
-def table(told: list[dict[str, float | str]]) -> str:
+def table(told: list[dict[str, float | str]]) -> list[str]:
     """Rows of camera and share; cells: RMS along x / z (stated z) at each place."""
     heads = " | ".join(f"x = {place:g} mm" for place in PLACES_MM)
     lines = [f"| camera | voxel / pitch | {heads} |", "|---|---:|" + "---|" * len(PLACES_MM)]
@@ -108,15 +110,14 @@ def table(told: list[dict[str, float | str]]) -> str:
                 if (row["camera"], row["share"]) == (name, share)
             ]
             lines.append(f"| {name} | {share:.2f} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def main() -> None:
     warnings.simplefilter("ignore")
     told = json.loads(RECORD.read_text()) if sys.argv[1:] == ["page"] else measure()
     RECORD.write_text(json.dumps(told, indent=1) + "\n")
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    PAGE.write_text(before + BEGIN + table(told) + END + rest.split(END)[1], encoding="utf-8")
+    page_tables.put(PAGE, "coarse voxels", table(told))
 
 
 if __name__ == "__main__":

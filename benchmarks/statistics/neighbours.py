@@ -14,7 +14,8 @@ from plenopiv.statistics.gradients import neighbour_correlation, velocity_gradie
 from plenopiv.velocity import velocity_dataset
 
 ROOT = Path(__file__).parents[2]
-sys.path.append(str(ROOT / "tests"))
+sys.path += [str(ROOT / "tests"), str(ROOT / "benchmarks")]
+import page_tables  # noqa: E402
 from oracles.particle_volumes import render  # noqa: E402
 
 from plenopiv.volume import DenseVolume, VoxelGrid  # noqa: E402
@@ -28,7 +29,6 @@ SETTINGS = {
     "sub-windows, 0 %": CorrelationSettings(windows=((32, 32, 32),), overlap=0.0),
 }
 RECORD = Path(__file__).with_suffix(".json")
-PAGE, BEGIN, END = ROOT / "docs" / "statistics.md", "<!-- neighbours: begin -->\n", "<!-- neighbours: end -->"
 
 
 def page(found):
@@ -43,9 +43,7 @@ def page(found):
         within = told["within_1_2_std"]
         inside = (", ".join(map(str, within[f"{of}, all"])) for of in ("derivative", "vorticity", "divergence"))
         lines.append("| " + " | ".join((name, computed, "; ".join(measured), *inside)) + " |")
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    table = "".join(f"{line}\n" for line in lines)
-    PAGE.write_text(before + BEGIN + table + END + rest.split(END)[1], encoding="utf-8")
+    page_tables.put(ROOT / "docs" / "statistics.md", "neighbours", lines)
 
 
 def volumes(seed):

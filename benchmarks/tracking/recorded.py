@@ -13,6 +13,7 @@ from plenopiv.sensor import Sensor
 
 sys.path.append(str(Path(__file__).parents[1]))
 import fresh
+import page_tables
 
 PAGE = Path(__file__).parents[2] / "docs" / "tracking.md"
 
@@ -46,9 +47,7 @@ def run_cases(
 
 def write_table(name: str, lines: Iterable[str]) -> None:
     """Put ``lines`` between the marks of that name in docs/tracking.md."""
-    begin, end = f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->"
-    head, rest = PAGE.read_text().split(begin)
-    PAGE.write_text(head + begin + "\n".join(lines) + "\n" + end + rest.split(end)[1])
+    page_tables.put(PAGE, name, lines)
 
 
 def three(values: Sequence[float], digits: int = 3) -> str:
