@@ -15,7 +15,7 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.run.frame import reconstructed
-from plenopiv.run.inputs import changed_frame, frame_entry, of_image
+from plenopiv.run.inputs import changed_frame, frame_entry, read_entry
 
 pytestmark = pytest.mark.usefixtures("without_report")
 
@@ -117,7 +117,7 @@ def test_the_manifest_has_a_frame_s_file_as_it_was_when_it_was_read(experiment, 
     entry = reconstructed(Meanwhile(), recording, 0, lambda *given: None).entry
     assert (entry["name"], entry["bytes"], entry["mtime_ns"]) == ("a.tif", before.st_size, before.st_mtime_ns)
     if then == "replaced":
-        frames = [entry, frame_entry(recording.frames[1], of_image(recording.light(1)[0]))]
+        frames = [entry, read_entry(frame_entry(recording.frames[1]), recording.light(1)[0])]
         assert "a.tif is another image" in changed_frame(recording, {"pair": 0, "frames": frames})
 
 
@@ -132,7 +132,7 @@ def test_a_lost_frame_that_is_mended_keeps_the_size_and_the_time_of_its_file(fol
         return experiment.recording()
 
     recording = written(bytes(len(whole)))
-    record = {"pair": 1, "frames": [frame_entry(recording.frames[k], None) for k in recording.pairs[1]]}
+    record = {"pair": 1, "frames": [frame_entry(recording.frames[k]) for k in recording.pairs[1]]}
     assert changed_frame(recording, record) is None
     time.sleep(0.02)  # by which clocks of file systems tell changes apart
     assert "p2_b.tif is another image" in changed_frame(written(whole), record)

@@ -18,7 +18,7 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.reconstruct import Reconstruction
 from plenopiv.recording import ImageSource, Recording
-from plenopiv.run.inputs import frame_entry, of_image
+from plenopiv.run.inputs import frame_entry, read_entry
 
 Progress = Callable[[str, int, int], None]
 
@@ -87,7 +87,7 @@ def reconstructed(
         PlenoPIVError: its image cannot be used, or shows no particles.
     """
     source = recording.frames[number]
-    entry = frame_entry(source, None)  # before it is read: a file that is replaced later is then another one
+    entry = frame_entry(source)  # before it is read: a file that is replaced later is then another one
     light, static = recording.light(number)
     behind = None if static is None else [static]
     found = chain.reconstruct([light], source.name, partial(progress, f"reconstruction of {source.name}"), behind)
@@ -95,7 +95,7 @@ def reconstructed(
     if isinstance(chain.projection, PlenopticProjector):
         left = unexplained_share(chain.projection, found.volume, light, found.noise)
     kept = static if with_static or chain.reconstruction.motion_tracking else None
-    return Frame(number, source, light, found, left, entry | {"sha256": of_image(light)}, static=kept)
+    return Frame(number, source, light, found, left, read_entry(entry, light), static=kept)
 
 
 def taken_or_lost(recording: Recording, number: int, take: Callable[[], Taken]) -> Taken | LostFrame:
@@ -105,7 +105,7 @@ def taken_or_lost(recording: Recording, number: int, take: Callable[[], Taken]) 
         PlenoPIVError: its file is gone since the run began: others will be too, and the cause can be removed.
     """
     source = recording.frames[number]
-    entry = frame_entry(source, None)
+    entry = frame_entry(source)
     found: Taken | LostFrame
     with caught_warnings() as said:
         try:

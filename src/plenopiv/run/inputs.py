@@ -122,15 +122,21 @@ def of_image(image: NDArray) -> str:
     return hashlib.sha256(np.ascontiguousarray(image).data).hexdigest()
 
 
-def frame_entry(source: ImageSource, digest: str | None) -> dict[str, Any]:
-    """A frame as the manifest has it: name, size and times of its file (written; changed or moved, which no copy can
-    set), and the hash of its image; None of one that could not be read."""
+def frame_entry(source: ImageSource) -> dict[str, Any]:
+    """A frame that is not read as the manifest has it: name, size and times of its file (written; changed or moved,
+    which no copy can set)."""
     try:
         found = source.path.stat()
         size, written, changed = found.st_size, found.st_mtime_ns, found.st_ctime_ns
     except OSError:
         size, written, changed = None, None, None
-    return {"name": source.name, "bytes": size, "mtime_ns": written, "ctime_ns": changed, "sha256": digest}
+    return {"name": source.name, "bytes": size, "mtime_ns": written, "ctime_ns": changed, "sha256": None}
+
+
+def read_entry(entry: Mapping[str, Any], image: NDArray) -> dict[str, Any]:
+    """The ``entry`` of a frame whose ``image`` was read: its hash tells a change, and no time that a copy does not
+    keep."""
+    return {name: told for name, told in entry.items() if name != "ctime_ns"} | {"sha256": of_image(image)}
 
 
 def changed_frame(recording: Recording, record: Mapping[str, Any]) -> str | None:
@@ -144,7 +150,7 @@ def changed_frame(recording: Recording, record: Mapping[str, Any]) -> str | None
     if was != now:
         return f"pair {record['pair']} was {was[0]} and {was[1]}, is {now[0]} and {now[1]}"
     for k, entry in zip(pair, record["frames"], strict=True):
-        found = frame_entry(recording.frames[k], None)
+        found = frame_entry(recording.frames[k])
         told = ("bytes", "mtime_ns") if entry["sha256"] else ("bytes", "mtime_ns", "ctime_ns")
         if found["bytes"] is None or all(entry.get(name) == found[name] for name in told):
             continue

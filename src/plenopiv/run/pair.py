@@ -113,7 +113,7 @@ class Job:
     def not_asked(self, number: int) -> LostFrame:
         """Frame ``number``, which need not be reconstructed because the other one of its pair is lost."""
         source = self.recording.frames[number]
-        return LostFrame(number, source, "", frame_entry(source, None))
+        return LostFrame(number, source, "", frame_entry(source))
 
     def given_up(self, number: int, reason: str) -> PairRecord:
         """The record of a pair that is set aside for a ``reason`` that lies not in its frames."""
@@ -216,7 +216,7 @@ class Job:
 
 def given_up(recording: Recording, number: int, reason: str) -> PairRecord:
     """The record of a pair that is set aside for a ``reason`` that lies not in its frames."""
-    frames = [frame_entry(recording.frames[k], None) for k in recording.pairs[number]]
+    frames = [frame_entry(recording.frames[k]) for k in recording.pairs[number]]
     return PairRecord(number, frames, set_aside=reason, again=True)
 
 

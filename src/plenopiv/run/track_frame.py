@@ -17,7 +17,7 @@ from plenopiv.displacement.field import DisplacementField
 from plenopiv.errors import PlenoPIVError
 from plenopiv.recording import Recording
 from plenopiv.run.frame import Frame, Progress, reconstructed
-from plenopiv.run.inputs import frame_entry, of_image
+from plenopiv.run.inputs import frame_entry, read_entry
 from plenopiv.run.judged import Judged
 from plenopiv.tracking.frame import FrameParticles, particles_of_frame, particles_of_second_frame
 from plenopiv.tracking.frame import Progress as Steps
@@ -185,7 +185,7 @@ class FrameTracker:
             PlenoPIVError: as ``frame``.
         """
         source, chain = self.recording.frames[number], self.chain
-        entry = frame_entry(source, None)
+        entry = frame_entry(source)
         image, static = self.recording.light(number)
         pixels = self.pixels(image, dark, static)
         stage = partial(report, f"particles of {source.name}")
@@ -205,7 +205,7 @@ class FrameTracker:
             inside = within(found.position_mm, self.limits(chain.grid))
             found, origin = found.of(inside), origin[inside]
         shown = ImageOfFrame(source.name, image)
-        return PredictedFrame(shown, found, origin, entry | {"sha256": of_image(image)})
+        return PredictedFrame(shown, found, origin, read_entry(entry, image))
 
 
 def around(grid: VoxelGrid) -> Limits:
