@@ -23,11 +23,11 @@ def camera_of(kind):
     return small_camera(kind, microlenses=(57, 46), rotation_rad=0.002, offset_mm=(0.02, -0.01))
 
 
-def frame_and_projector(blur_mm, kind="hexagonal", lit_mm=VOLUME_MM, seed=0):
+def frame_and_projector(blur_mm, kind="hexagonal", lit_mm=VOLUME_MM, seed=0, ppm=1.0):
     """A frame of particles in ``lit_mm`` through a camera of a blur, and a projector that takes it as sharp."""
     camera, rng = camera_of(kind), np.random.default_rng(seed)
     light = {"electrons": None, "electrons_per_pixel": 400.0, "electrons_spread": 0.25}
-    particles = seed_box(camera, lit_mm, 1.0, rng, **light)
+    particles = seed_box(camera, lit_mm, ppm, rng, **light)
     image = particle_image(replace(camera, blur_mm=blur_mm), particles, rays=1000, seed=seed)
     frame = digitise(image + 4.0, camera.sensor, SensorNoise(), rng)
     where, grid = layout(camera), VoxelGrid.covering(*VOLUME_MM, (0.017, 0.017, 0.077))
@@ -64,6 +64,22 @@ def test_no_blur_is_found_where_there_is_none(kind, seed):
 def test_how_particles_are_spread_over_depth_need_not_be_known(lit_z_mm):
     found = lens_blur(*frame_and_projector(0.03, lit_mm=(*VOLUME_MM[:2], lit_z_mm)))
     assert found.blur_mm == pytest.approx(0.03, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("blur_mm", "half_x_mm", "half_y_mm", "ppm", "kind"),
+    [
+        (0.0, 0.85, 1.3, 3.0, "hexagonal"),  # 26 um were found where microlenses at edges were not left out
+        (0.02, 0.85, 1.3, 3.0, "hexagonal"),  # 53 um were
+        pytest.param(0.0, 0.85, 0.65, 1.0, "square", marks=pytest.mark.full),
+        pytest.param(0.03, 0.5, 1.3, 1.0, "square", marks=pytest.mark.full),
+    ],
+)
+def test_particles_may_fill_a_part_of_the_volume(blur_mm, half_x_mm, half_y_mm, ppm, kind):
+    """As a laser sheet that is narrower than the field."""
+    lit_mm = (-half_x_mm, half_x_mm), (-half_y_mm, half_y_mm), VOLUME_MM[2]
+    found = lens_blur(*frame_and_projector(blur_mm, kind, lit_mm, ppm=ppm))
+    assert found.beyond_doubt(0.077) == pytest.approx(blur_mm, rel=0.2)
 
 
 @pytest.mark.full

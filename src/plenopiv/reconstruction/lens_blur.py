@@ -10,8 +10,10 @@ of the correlation, and a is the wider the further the main lens blurs: convolve
 standard deviation. For each standard deviation the best n(z) is found by non-negative least squares, and the standard
 deviation that leaves the least is the blur. Views differ in every baseline, so that noise of the pixels adds nothing.
 
-Seeding that is no more than roughly even does no harm: what is common to all lags is left out. Particles of finite size
-blur as well, by a quarter of their diameter's image, and are taken for the lens.
+Where light ends, because a laser sheet is narrower than the volume, say, pixels correlate over all lags, the less the
+further they are apart, and that looks like blur. So microlenses near such edges are left out, and the mean light about
+each pixel is taken off. What is still common to all lags is left out too. Particles of finite size blur as well, by a
+quarter of their diameter's image, and are taken for the lens.
 """
 
 from __future__ import annotations
@@ -43,7 +45,10 @@ PAIRS = 60  # of views, for each baseline, at most
 PHASES = 8  # pairs of microlenses, for each lag, whose phases the model takes
 LEAST, SURE = 0.13, 3.0  # pitches and error bars below which a blur is none: of sharp lenses up to 0.11 is found
 USUAL = 0.2  # left of the correlations of a thousand microlenses and more, at most
-FEWEST = 200  # microlenses whose rays stay in the volume
+FEWEST = 200  # microlenses whose rays stay in the volume, and that are evenly lit
+ABOUT = 3  # microlenses on each side over which light is averaged: about as far as the longest lag
+TINY = 1e-6
+LIT = 0.6  # of the brightest such averages (90th percentile), at least, where light is even
 FEWEST_ACROSS, FEWEST_ROWS = 13, 9  # microlenses of a sensor that has some with all lags about them
 
 Array = NDArray[np.float64]
@@ -90,9 +95,9 @@ def lens_blur(lightfield: LightField, projector: PlenopticProjector) -> LensBlur
         inside[view] = projector.rays_inside_grid(int(view)).reshape(where.nj, where.ni)
     if inside[views].sum(0).max() == 0 or inside[views].any(0).sum() < FEWEST:
         return None
-    values = np.where(inside, lightfield.values.reshape(inside.shape), 0.0)
-    count = np.maximum(inside.sum((1, 2)), 1)
-    values = np.where(inside, values - (values.sum((1, 2)) / count)[:, None, None], 0.0).astype(np.float32)
+    values, inside = where_evenly_lit(lightfield.values.reshape(inside.shape), inside)
+    if inside[views].any(0).sum() < FEWEST:
+        return None
     pairs, lags = pairs_of_views(where, views), lags_of(where.camera)
     parts = np.array_split(np.arange(where.nj), PARTS)
     summed = np.array([correlations(where, values, inside, pairs, lags, rows) for rows in parts])
@@ -109,6 +114,24 @@ def lens_blur(lightfield: LightField, projector: PlenopticProjector) -> LensBlur
     std = np.sqrt((PARTS - 1) / PARTS * np.sum((np.array(without) - np.mean(without)) ** 2))  # jackknife
     pitch = where.camera.lattice.pitch_mm
     return LensBlur(whole * pitch, float(std) * pitch, left)
+
+
+def where_evenly_lit(values: NDArray[np.float32], inside: NDArray[np.bool_]) -> tuple[NDArray, NDArray[np.bool_]]:
+    """Without the mean light about them ``values`` (view, nj, ni), 0 elsewhere than where they are ``inside`` and about
+    as bright as anywhere; and where that is."""
+    from scipy.ndimage import uniform_filter
+
+    def about(one: NDArray) -> Array:
+        return np.asarray(uniform_filter(one.astype(np.float64), 2 * ABOUT + 1, mode="constant"))
+
+    count = inside.sum(0)
+    light = about(np.where(inside, values, 0).sum(0)) / np.maximum(about(count), TINY)
+    even = inside & (light >= LIT * np.percentile(light[count > 0], 90))
+    out = np.zeros(values.shape, np.float32)
+    for view, of_view in enumerate(even):
+        mean = about(np.where(of_view, values[view], 0)) / np.maximum(about(of_view), TINY)
+        out[view] = np.where(of_view, values[view] - mean, 0)
+    return out, even
 
 
 def lags_of(camera: PlenopticCamera) -> list[Lag]:
