@@ -38,6 +38,7 @@ BEGIN, END = "<!-- fresh: begin -->", "<!-- fresh: end -->"
 DECISIONS = {
     "optics": 1,
     "calibration": 53,
+    "target": 88,
     "checks": 84,
     "reconstruction": 62,
     "correlation": 76,

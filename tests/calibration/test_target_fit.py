@@ -35,6 +35,7 @@ TRUTH = {
     "focal_length_mm": 50.0, "image_distance_mm": 100.1, "gap_mm": 63.5, "fluid_mm": 40.6, "refractive_index": 1.3335,
     "microlens_focal_length_mm": 0.307, "reference_mm": 104.0, "turn_x_rad": 0.004, "turn_y_rad": -0.003,
     "turn_z_rad": 0.02, "x_mm": 0.06, "y_mm": -0.04, "distortion": 0.008, "gap_tilt_s": 0.004, "gap_tilt_t": -0.006,
+    "plane_turn_x_rad": 0.011, "plane_turn_y_rad": -0.007,
 }  # fmt: skip
 STD_MM = np.array([1e-4, 1e-4, 2e-3])
 BOARD = Board(0.5, 0.16, 0.28, 0.22)
@@ -56,7 +57,9 @@ def dots_of(camera, planes=(-3.0, -1.5, 0.0, 1.5, 3.0), seed=1):
     number = np.array([(i, j) for i in range(-2, 3) for j in range(-1, 2)])
     places = np.concatenate([BOARD.places_mm(number, z) for z in planes])
     n, aperture = len(places), 18.0
-    images = images_of(places, model, camera, 61, aperture).place_mm
+    off_square = places.copy()  # to first order, .5 um beside the exact places
+    off_square[:, 2] += places[:, 1] * t["plane_turn_x_rad"] - places[:, 0] * t["plane_turn_y_rad"]
+    images = images_of(off_square, model, camera, 61, aperture).place_mm
     return Dots(
         np.repeat(np.arange(len(planes)), len(number)),
         np.tile(number, (len(planes), 1)),

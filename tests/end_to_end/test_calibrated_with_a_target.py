@@ -3,6 +3,7 @@
 import json
 import shutil
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from plenopiv.calibration.target.board import Board, TargetImage
 from plenopiv.calibration.target.calibrated import calibrate_target
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
-from plenopiv.cameras.ray_model import on_disc
+from plenopiv.cameras.ray_model import on_disc, rotation
 from plenopiv.cli import main
 from plenopiv.experiment import Experiment
 from plenopiv.io import read_velocity
@@ -173,6 +174,30 @@ def test_a_plane_that_was_not_where_it_is_said_to_be(own, one_line):
 def test_no_dot_is_as_large_as_the_origin_s(own, one_line):
     line = one_line(own(origin_dot_mm=0.38, x_dot_mm=0.37))
     assert "none shows the dot of calibration.origin_dot_mm with that of x_dot_mm beside it" in line
+
+
+def seen_off_square(z_mm, about_x_deg, about_y_deg):
+    """The tank's camera, and in place of its laboratory the frame of a target at ``z_mm`` of the traverse, turned."""
+    pose = CAMERA.pose
+    axes = pose.axes @ rotation(np.radians(about_x_deg), np.radians(about_y_deg), 0.0)
+    about_x, about_y, about_z = np.degrees([
+        np.arctan2(axes[2, 1], axes[2, 2]), -np.arcsin(axes[2, 0]), np.arctan2(axes[1, 0], axes[0, 0])
+    ])  # fmt: skip
+    return replace(CAMERA, pose=Pose(about_z, tuple(pose.to_camera([0.0, 0.0, z_mm])), (about_x, about_y)))
+
+
+def test_a_target_that_is_not_square_to_its_traverse():
+    """What is left in depth was 7 um; z is the traverse's, along which dots tell to thousandths of a degree."""
+    rng, images = np.random.default_rng(1), []
+    for z in DEPTHS_MM:
+        light = target_image(seen_off_square(z, 0.6, -0.4), DOTS, 0.0, 2000.0, samples=100)
+        images.append(TargetImage(f"at {z:g} mm", z, np.rint(light + rng.normal(0, 3, light.shape) + 60)))
+    found = calibrate_target(images, Board(0.4, 0.16, 0.28, 0.22), TRUE, CAMERA.medium)
+    assert np.sqrt(np.mean([plane.rms_um[2] ** 2 for plane in found.planes])) < 4
+    for axis, off_deg, tilt_deg in zip("xy", (0.6, -0.4), CAMERA.pose.tilt_deg, strict=True):
+        off, std = (np.degrees(of[f"plane_turn_{axis}_rad"]) for of in (found.values, found.std))
+        assert abs(off - off_deg) < 3 * std < 0.2
+        assert np.degrees(found.values[f"turn_{axis}_rad"]) == pytest.approx(tilt_deg, abs=0.003)
 
 
 def test_a_target_of_two_levels():

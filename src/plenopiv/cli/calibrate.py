@@ -46,6 +46,8 @@ POSE = {
     "turn_x_rad": ("target turned about x", "deg"),
     "turn_y_rad": ("target turned about y", "deg"),
     "turn_z_rad": ("target turned about z", "deg"),
+    "plane_turn_x_rad": ("dots off square, about x", "deg"),
+    "plane_turn_y_rad": ("dots off square, about y", "deg"),
     "x_mm": ("target's origin, x", "mm"),
     "y_mm": ("target's origin, y", "mm"),
 }

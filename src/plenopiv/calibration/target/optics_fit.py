@@ -22,9 +22,11 @@ from plenopiv.errors import PlenoPIVError
 NAMES = (
     "focal_length_mm", "image_distance_mm", "gap_mm", "fluid_mm", "refractive_index", "microlens_focal_length_mm",
     "reference_mm", "turn_x_rad", "turn_y_rad", "turn_z_rad", "x_mm", "y_mm", "distortion", "gap_tilt_s", "gap_tilt_t",
+    "plane_turn_x_rad", "plane_turn_y_rad",
     *(f"view_offset_{axis}_s{p}_t{q}_mm" for p, q in OFFSET_POWERS for axis in "uv"),
 )  # fmt: skip
-LENGTHS = NAMES.index("gap_tilt_t") + 1  # the others are the views' offsets
+OF_MODEL = NAMES.index("gap_tilt_t") + 1
+LENGTHS = NAMES.index("plane_turn_y_rad") + 1  # the others are the views' offsets
 CENTRES_PX = 0.05  # by which middles of micro-images may have been found aside in the sensor's corner
 OF_SHEET = "refractive_index", "microlens_focal_length_mm"  # that the experiment file states as they are
 SHEET = 0.03  # standard deviation of a stated focal length, relative
@@ -33,6 +35,7 @@ PITCH = 3e-5  # of the array's pitch, which lithography gives
 UNKNOWN_INDEX = 1.2, 0.2  # of a fluid that nobody names: from air to oil
 STATED_INDEX = 1e-3
 STATED_MM = 0.05  # of a stated way in the fluid, relative
+SQUARE = 0.02  # rad by which a target is not square to its traverse
 FLOOR_MM = np.array([0.15e-3, 0.15e-3, 3e-3])  # what a model does not hold of one dot; of good lenses
 RAYS = 37
 OUTLIER = 6.0
@@ -136,6 +139,14 @@ def _from_the_traverse_s_zero(
     return from_zero(parameters), np.array(sides).T / (2 * step)
 
 
+def placed(parameters: NDArray[np.float64], dots: Dots) -> NDArray[np.float64]:
+    """Where the dots are in the laboratory (n, 3): z is along the traverse, to which their plane is nearly square."""
+    about_x, about_y = parameters[[NAMES.index("plane_turn_x_rad"), NAMES.index("plane_turn_y_rad")]].tolist()
+    turned = rotation(about_x, about_y, 0.0)
+    across, reading = dots.laboratory_mm * [1.0, 1.0, 0.0], dots.laboratory_mm * [0.0, 0.0, 1.0]
+    return np.asarray(across @ turned.T + reading, np.float64)
+
+
 @dataclass(frozen=True)
 class _Problem:
     """Dots and data sheet as least squares. ``stated``, ``deviation`` (parameters,): of each, inf where nothing is
@@ -174,6 +185,8 @@ class _Problem:
             "distortion": (0.0, 0.1, 0.01),
             "gap_tilt_s": (0.0, 0.1, 0.01),
             "gap_tilt_t": (0.0, 0.1, 0.01),
+            "plane_turn_x_rad": (0.0, SQUARE, 0.01),
+            "plane_turn_y_rad": (0.0, SQUARE, 0.01),
         }
         aside = CENTRES_PX * camera.portion_mm
         rows |= dict.fromkeys(NAMES[LENGTHS:], (0.0, aside, aside))
@@ -182,7 +195,7 @@ class _Problem:
 
     def model(self, parameters: NDArray[np.float64]) -> RayModel:
         """The camera of so many numbers."""
-        f, si, gap, fluid, index, fl, reference, ax, ay, az, x, y, k, gs, gt = parameters[:LENGTHS].tolist()
+        f, si, gap, fluid, index, fl, reference, ax, ay, az, x, y, k, gs, gt = parameters[:OF_MODEL].tolist()
         offsets = parameters[LENGTHS:].reshape(-1, 2).tolist()
         sensor = self.camera.sensor
         corner = 0.5 * sensor.pixel_pitch_mm * float(np.hypot(sensor.columns, sensor.rows))
@@ -238,18 +251,18 @@ class _Problem:
 
     def scaled(self, parameters: NDArray[np.float64], dots: Dots) -> NDArray[np.float64]:
         """What the dots' images miss the traced ones by, over the standard deviation, (n, 3)."""
-        found = images_of(dots.laboratory_mm, self.model(parameters), self.camera, RAYS, dots.aperture_mm).place_mm
+        places, model = placed(parameters, dots), self.model(parameters)
+        found = images_of(places, model, self.camera, RAYS, dots.aperture_mm).place_mm
         out: NDArray[np.float64] = np.nan_to_num(dots.lens_mm - found, nan=1e3)
         return out / np.hypot(dots.std_mm, FLOOR_MM)
 
     def in_laboratory(self, parameters: NDArray[np.float64], dots: Dots) -> NDArray[np.float64]:
         """Where the measured images lie in the laboratory less where the dots are, (n, 3)."""
-        model, step = self.model(parameters), 1e-3
-        at = images_of(dots.laboratory_mm, model, self.camera, RAYS, dots.aperture_mm).place_mm
+        places, model, step = placed(parameters, dots), self.model(parameters), 1e-3
+        at = images_of(places, model, self.camera, RAYS, dots.aperture_mm).place_mm
         jacobian = np.stack(
             [
-                (images_of(dots.laboratory_mm + step * unit, model, self.camera, RAYS, dots.aperture_mm).place_mm - at)
-                / step
+                (images_of(places + step * unit, model, self.camera, RAYS, dots.aperture_mm).place_mm - at) / step
                 for unit in np.eye(3)
             ],
             -1,
