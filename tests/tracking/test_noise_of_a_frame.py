@@ -44,3 +44,13 @@ def test_too_few_pixels_tell_nothing():
     few = np.zeros(len(LIT))
     few[:1000] = 200.0
     assert pixels.with_measured_noise(~LIT, few).counts_per_electron == 8.0
+
+
+def test_pixels_that_are_not_finite_are_not_used():
+    image = 60.0 + LIGHT.reshape(SIDE, SIDE)
+    image[0, :3] = np.nan, np.inf, -np.inf
+    pixels = Pixels.of_image(image, 60.0, 1e6, 1.0, GAIN)
+    assert np.flatnonzero(~pixels.usable).tolist() == [0, 1, 2]
+    assert np.isfinite(pixels.counts).all()
+    measured = pixels.with_measured_noise(~LIT, LIGHT)
+    assert np.isfinite([measured.background, measured.noise, measured.counts_per_electron]).all()

@@ -49,15 +49,17 @@ class Pixels:
         unusable: NDArray[np.bool_] | None = None,
         static: NDArray | None = None,
     ) -> Pixels:
-        """The pixels of an upright image (rows, columns) in counts. ``dark``: standard deviation of a dark pixel,
-        counts; ``unusable`` (rows, columns); ``static``: counts of static light that were taken off."""
-        usable = np.asarray(image < full_scale).ravel()
+        """The pixels of an upright image (rows, columns) in counts; those that are not finite are not used. ``dark``:
+        standard deviation of a dark pixel, counts; ``unusable`` (rows, columns); ``static``: counts of static light
+        that were taken off."""
+        known = np.asarray(image, np.float64).ravel()
+        usable = np.isfinite(known) & (known < full_scale)
         if unusable is not None:
             usable &= ~unusable.ravel()
         behind: Array | float = 0.0
         if static is not None:
             behind = np.maximum(static, 0.0).ravel().astype(np.float64)
-        counts = np.asarray(image, np.float64).ravel() - black_level
+        counts = np.where(np.isfinite(known), known, black_level) - black_level
         return cls(counts, usable, float(dark) ** 2, counts_per_electron, 0.0, behind)
 
     @classmethod
