@@ -37,6 +37,7 @@ STATED_INDEX = 1e-3
 STATED_MM = 0.05  # of a stated way in the fluid, relative
 SQUARE = 0.02  # rad by which a target is not square to its traverse
 FLOOR_MM = np.array([0.15e-3, 0.15e-3, 3e-3])  # what a model does not hold of one dot; of good lenses
+FEWEST = 58  # dots seen whole, three equations each; of most numbers something is known beforehand
 RAYS = 37
 OUTLIER = 6.0
 
@@ -70,9 +71,9 @@ def fit_optics(dots: Dots, camera: PlenopticCamera, medium: Medium | None) -> Op
     problem, in_focus = _Problem.of(camera, medium), _in_focus(dots)
     dots = replace(dots, laboratory_mm=dots.laboratory_mm - [0.0, 0.0, in_focus])
     used = dots.whole.copy()
-    if used.sum() < 2 * len(NAMES):
+    if used.sum() < FEWEST:
         raise PlenoPIVError(
-            f"calibration.planes: only {int(used.sum())} dots are seen whole; {2 * len(NAMES)} or more are needed: "
+            f"calibration.planes: only {int(used.sum())} dots are seen whole; {FEWEST} or more are needed: "
             "move the target into view, or give more planes"
         )
     start = problem.start(dots.where(used))
