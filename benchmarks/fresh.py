@@ -39,6 +39,7 @@ DECISIONS = {
     "optics": 1,
     "calibration": 53,
     "target": 88,
+    "lens blur": 87,
     "checks": 84,
     "reconstruction": 62,
     "correlation": 76,

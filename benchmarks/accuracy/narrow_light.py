@@ -33,7 +33,7 @@ import page_tables
 RECORD = Path(__file__).with_suffix(".json")
 PAGE = Path(__file__).parents[2] / "docs" / "decisions" / "0087-the-blur-of-the-main-lens-where-light-is-even.md"
 LIT = {"all": (1.0, 1.0), "half along x": (0.5, 1.0), "0.3 along x": (0.3, 1.0), "half along x and y": (0.5, 0.5)}
-PPM, BLURS_UM, SEEDS = (0.2, 1.0, 3.0), (0, 20, 30), (0, 1)
+PPM, BLURS_UM, SEEDS = (0.05, 0.2, 1.0, 3.0), (0, 20, 30), (0, 1)
 VOXEL_MM, RAYS, STRAY = (0.017, 0.017, 0.077), 1000, 4.0
 PARTICLES = {"electrons": None, "electrons_per_pixel": 400.0, "electrons_spread": 0.25}
 

@@ -45,7 +45,7 @@ def names(prefix):
     return tuple(TRUTH[f"{prefix}_{axis}_rad"] for axis in "xyz")
 
 
-def dots_of(camera, planes=(-3.0, -1.5, 0.0, 1.5, 3.0), seed=1):
+def dots_of(camera, planes=(-3.0, -1.5, 0.0, 1.5, 3.0), seed=1, board=BOARD):
     """Dots where the rays of TRUTH have their images, and noise."""
     t = TRUTH
     water = replace(WATER, fluid_mm=t["fluid_mm"], refractive_index=t["refractive_index"])
@@ -55,15 +55,19 @@ def dots_of(camera, planes=(-3.0, -1.5, 0.0, 1.5, 3.0), seed=1):
         (t["x_mm"], t["y_mm"]), t["distortion"], (t["gap_tilt_s"], t["gap_tilt_t"]), scale,
     )  # fmt: skip
     number = np.array([(i, j) for i in range(-2, 3) for j in range(-1, 2)])
-    places = np.concatenate([BOARD.places_mm(number, z) for z in planes])
+    places = np.concatenate([board.places_mm(number, z) for z in planes])
     n, aperture = len(places), 18.0
-    off_square = places.copy()  # to first order, .5 um beside the exact places
-    off_square[:, 2] += places[:, 1] * t["plane_turn_x_rad"] - places[:, 0] * t["plane_turn_y_rad"]
+    about_x, about_y, reading = t["plane_turn_x_rad"], t["plane_turn_y_rad"], np.repeat(planes, len(number))
+    x, y, relief = (places - reading[:, None] * [0, 0, 1]).T  # of the target, turned to first order: .1 um
+    off_square = np.column_stack(
+        [x + relief * about_y, y - relief * about_x, reading + relief + y * about_x - x * about_y]
+    )
     images = images_of(off_square, model, camera, 61, aperture).place_mm
     return Dots(
         np.repeat(np.arange(len(planes)), len(number)),
         np.tile(number, (len(planes), 1)),
         places,
+        reading,
         images + np.random.default_rng(seed).normal(0, 1, (n, 3)) * STD_MM,
         np.tile(STD_MM, (n, 1)),
         np.ones(n),
@@ -123,7 +127,8 @@ def test_residuals_are_the_noise_and_left_out_ones_more(fitted):
 def test_a_traverse_may_have_its_zero_anywhere(fitted, reading_mm):
     """The same optics, and the same rays of the same dots, whatever the traverse reads in focus."""
     dots, at_focus = fitted
-    far = replace(dots, laboratory_mm=dots.laboratory_mm + np.array([0.0, 0.0, reading_mm]))
+    far = dots.laboratory_mm + np.array([0.0, 0.0, reading_mm])
+    far = replace(dots, laboratory_mm=far, reading_mm=dots.reading_mm + reading_mm)
     found = fit_optics(far, lens_space(), WATER)
     np.testing.assert_allclose(found.residual_mm, at_focus.residual_mm, atol=1e-5)
     np.testing.assert_allclose(found.left_out_mm, at_focus.left_out_mm, atol=1e-5)
@@ -142,10 +147,20 @@ def test_a_traverse_may_have_its_zero_anywhere(fitted, reading_mm):
     assert found.std["x_mm"] == pytest.approx(tilt, rel=0.2)
 
 
+@pytest.mark.full
+def test_both_levels_of_a_target_turn_with_it():
+    """What is left is noise, as of a flat target, and the step tells how square the target is ten times as well."""
+    camera = lens_space()
+    found = fit_optics(dots_of(camera, board=replace(BOARD, step_mm=0.5)), camera, WATER)
+    assert (np.sqrt((found.residual_mm**2).mean(0)) < [1.2e-4, 1.2e-4, 3e-3]).all()
+    for name in ("plane_turn_x_rad", "plane_turn_y_rad"):
+        assert abs(found.values[name] - TRUTH[name]) < 3 * found.std[name] < 1e-3
+
+
 def test_too_few_dots():
     camera = lens_space()
     dots = dots_of(camera, planes=(-1.0, 1.0))
-    with pytest.raises(PlenoPIVError, match=r"calibration.planes: only 30 dots are seen whole; \d+ or more are needed"):
+    with pytest.raises(PlenoPIVError, match=r"calibration.planes: only 30 dots are seen whole; 58 or more are needed"):
         fit_optics(dots, camera, WATER)
 
 

@@ -24,7 +24,7 @@ WORDS = {
     "gap_mm": "window to lens",
     "stop_mm": "stop before",
     "distortion": "distortion at",
-    "turn_x_rad": "target turned about x",
+    "turn_x_rad": "laboratory turned about x",
 }
 WRITTEN = {"lattice.toml", "calibration.toml", "calibration.png"}
 CALIBRATION = """
@@ -81,7 +81,7 @@ def test_it_prints_saves_and_draws(with_target, capsys):
     for part in (
         "target     264 dots in 4 planes, 207 of them seen whole",
         "focal length                  1.5000 +- 0.0015 mm",
-        "target turned about z         +601.61 +- 0.60 deg",
+        "laboratory turned about z     +601.61 +- 0.60 deg",
         "   1.400     87     69    0.31    0.42    3.30  target_1.tif",
         "   4.200      3      0     nan     nan     nan  hidden.tif",
         "largest shift of all dots in a view: 0.60 um, in that of pixel (",

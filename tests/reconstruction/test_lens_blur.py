@@ -8,7 +8,7 @@ from oracles.cameras import small_camera
 
 from plenopiv.lightfield import LightField, decode, layout
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
-from plenopiv.reconstruction.lens_blur import FARTHEST, Lag, LensBlur, lags_of, lens_blur, model
+from plenopiv.reconstruction.lens_blur import FARTHEST, Lag, LensBlur, lags_of, lens_blur, model, parts_of
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.simulation.images import particle_image
 from plenopiv.simulation.particles import seed_box
@@ -80,6 +80,25 @@ def test_particles_may_fill_a_part_of_the_volume(blur_mm, half_x_mm, half_y_mm, 
     lit_mm = (-half_x_mm, half_x_mm), (-half_y_mm, half_y_mm), VOLUME_MM[2]
     found = lens_blur(*frame_and_projector(blur_mm, kind, lit_mm, ppm=ppm))
     assert found.beyond_doubt(0.077) == pytest.approx(blur_mm, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("low_mm", "high_mm", "blur_mm"),
+    [(0.2, 0.65, 0.02), pytest.param(-0.45, 0.45, 0.03, marks=pytest.mark.full)],
+)
+def test_particles_may_lie_in_a_few_rows(low_mm, high_mm, blur_mm):
+    """A quarter of the rows, beside the middle, and a third in it: parts whose scatter gives the error are of what is
+    lit. So few are told too wide."""
+    found = lens_blur(*frame_and_projector(blur_mm, lit_mm=(VOLUME_MM[0], (low_mm, high_mm), VOLUME_MM[2])))
+    assert found.blur_mm == found.beyond_doubt(0.077) == pytest.approx(blur_mm, rel=0.5)
+    assert 0 < found.std_mm < 0.006
+
+
+def test_parts_have_as_many_microlenses_each():
+    microlenses = np.array([0, 0, 1, 4, 4, 4, 4, 0, 4, 4, 3, 0])
+    parts = parts_of(microlenses)
+    assert [microlenses[rows].sum() for rows in parts] == [5, 8, 8, 7]
+    assert np.concatenate(parts).tolist() == [2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
 
 
 @pytest.mark.full

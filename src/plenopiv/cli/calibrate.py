@@ -43,13 +43,13 @@ SHARES = {
     "gap_tilt_t": ("gap at the corner, along t", "%"),
 }
 POSE = {
-    "turn_x_rad": ("target turned about x", "deg"),
-    "turn_y_rad": ("target turned about y", "deg"),
-    "turn_z_rad": ("target turned about z", "deg"),
+    "turn_x_rad": ("laboratory turned about x", "deg"),
+    "turn_y_rad": ("laboratory turned about y", "deg"),
+    "turn_z_rad": ("laboratory turned about z", "deg"),
     "plane_turn_x_rad": ("dots off square, about x", "deg"),
     "plane_turn_y_rad": ("dots off square, about y", "deg"),
-    "x_mm": ("target's origin, x", "mm"),
-    "y_mm": ("target's origin, y", "mm"),
+    "x_mm": ("laboratory's origin, x", "mm"),
+    "y_mm": ("laboratory's origin, y", "mm"),
 }
 
 

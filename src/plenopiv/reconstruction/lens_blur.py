@@ -47,7 +47,6 @@ LEAST, SURE = 0.13, 3.0  # pitches and error bars below which a blur is none: of
 USUAL = 0.2  # left of the correlations of a thousand microlenses and more, at most
 FEWEST = 200  # microlenses whose rays stay in the volume, and that are evenly lit
 ABOUT = 3  # microlenses on each side over which light is averaged: about as far as the longest lag
-TINY = 1e-6
 LIT = 0.6  # of the brightest such averages (90th percentile), at least, where light is even
 FEWEST_ACROSS, FEWEST_ROWS = 13, 9  # microlenses of a sensor that has some with all lags about them
 
@@ -84,8 +83,8 @@ class Lag(NamedTuple):
 
 
 def lens_blur(lightfield: LightField, projector: PlenopticProjector) -> LensBlur | None:
-    """The main lens' blur from the light of one frame, whatever the camera states of it; None where the volume or
-    the sensor is too small or the frame too dark to tell. ``projector``: of the volume."""
+    """The main lens' blur from the light of one frame, whatever the camera states of it; None where the volume, the
+    sensor or what is evenly lit is too small, or the frame too dark, to tell. ``projector``: of the volume."""
     where = lightfield.layout
     if where.ni < FEWEST_ACROSS or where.nj < FEWEST_ROWS:
         return None
@@ -99,16 +98,16 @@ def lens_blur(lightfield: LightField, projector: PlenopticProjector) -> LensBlur
     if inside[views].any(0).sum() < FEWEST:
         return None
     pairs, lags = pairs_of_views(where, views), lags_of(where.camera)
-    parts = np.array_split(np.arange(where.nj), PARTS)
+    parts = parts_of(inside[views].any(0).sum(1))
     summed = np.array([correlations(where, values, inside, pairs, lags, rows) for rows in parts])
     products, counts = summed[:, 0], summed[:, 1]
-    if not (counts.sum(0) > 0).all():
+    if not (counts.sum(0) - counts > 0).all():
         return None
     sigmas = np.linspace(0.0, MOST, TRIED)
     models = model(where, projector.grid, [baseline for baseline, _ in pairs], lags, sigmas)
     whole, left = best(products.sum(0) / counts.sum(0), models, sigmas)
     without = [
-        best((products.sum(0) - p) / np.maximum(counts.sum(0) - c, 1), models, sigmas)[0]
+        best((products.sum(0) - p) / (counts.sum(0) - c), models, sigmas)[0]
         for p, c in zip(products, counts, strict=True)
     ]
     std = np.sqrt((PARTS - 1) / PARTS * np.sum((np.array(without) - np.mean(without)) ** 2))  # jackknife
@@ -125,13 +124,19 @@ def where_evenly_lit(values: NDArray[np.float32], inside: NDArray[np.bool_]) -> 
         return np.asarray(uniform_filter(one.astype(np.float64), 2 * ABOUT + 1, mode="constant"))
 
     count = inside.sum(0)
-    light = about(np.where(inside, values, 0).sum(0)) / np.maximum(about(count), TINY)
+    light = about(np.where(inside, values, 0).sum(0)) / np.maximum(about(count), 1e-6)
     even = inside & (light >= LIT * np.percentile(light[count > 0], 90))
     out = np.zeros(values.shape, np.float32)
     for view, of_view in enumerate(even):
-        mean = about(np.where(of_view, values[view], 0)) / np.maximum(about(of_view), TINY)
+        mean = about(np.where(of_view, values[view], 0)) / np.maximum(about(of_view), 1e-6)
         out[view] = np.where(of_view, values[view] - mean, 0)
     return out, even
+
+
+def parts_of(microlenses: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Rows of PARTS of the field that have about as many ``microlenses`` (nj,), the number in each row."""
+    part = (np.cumsum(microlenses) - 1) * PARTS // max(int(microlenses.sum()), 1)
+    return [np.flatnonzero(part == k) for k in range(PARTS)]
 
 
 def lags_of(camera: PlenopticCamera) -> list[Lag]:

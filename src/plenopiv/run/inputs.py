@@ -123,7 +123,7 @@ def of_image(image: NDArray) -> str:
 
 
 def frame_entry(source: ImageSource) -> dict[str, Any]:
-    """A frame that is not read as the manifest has it: name, size and times of its file (written; changed or moved,
+    """The manifest's entry of a frame that was not read: name, size and times of its file (written; changed or moved,
     which no copy can set)."""
     try:
         found = source.path.stat()

@@ -19,7 +19,10 @@ from plenopiv.recording import Recording
 from plenopiv.sensor import middle_of
 
 MIDDLE_PX = 1600  # side of the sensor's middle, which has thousands of particles
-UNKNOWN = 'main_lens.blur_mm = "auto": the first pair shows too few particles to tell; the lens is taken as sharp'
+UNKNOWN = (
+    'main_lens.blur_mm = "auto": the first pair shows too few particles, or lit in too small a part of the field, to '
+    "tell; the lens is taken as sharp"
+)
 
 
 def with_blur(chain: Chain, recording: Recording) -> tuple[PlenopticCamera, dict[str, Any]]:

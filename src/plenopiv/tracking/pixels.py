@@ -24,10 +24,11 @@ STEPS = 4  # in which dark noise and shot noise are measured, each with the othe
 class Pixels:
     """One frame's pixels, all (rows * columns,), as upright images run.
 
-    ``counts`` above the black level, static light taken off; ``usable``: not masked, hot or saturated; ``noise``: the
-    variance of a dark pixel in counts^2; ``counts_per_electron``: of shot noise. ``background``: even stray light in
-    counts; ``static``: counts of static light that were taken off, whose shot noise is left. ``cameras``: how many
-    pixels each of several cameras has, one after the other (``of_cameras``); their noise and stray light are arrays.
+    ``counts`` above the black level, static light taken off; ``usable``: finite, not masked, hot or saturated;
+    ``noise``: the variance of a dark pixel in counts^2; ``counts_per_electron``: of shot noise. ``background``: even
+    stray light in counts; ``static``: counts of static light that were taken off, whose shot noise is left.
+    ``cameras``: how many pixels each of several cameras has, one after the other (``of_cameras``); their noise and
+    stray light are arrays.
     """
 
     counts: Array

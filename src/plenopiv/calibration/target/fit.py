@@ -28,7 +28,7 @@ SAMPLE = 24  # dots of a plane whose width is fitted
 WIDER, MOST_WIDER = 0.02, 3.0  # step of that fit, and how many it may go
 POOREST_MM = 0.05  # standard deviation in depth of a dot that is still used
 
-ARRAYS = "plane", "number", "laboratory_mm", "lens_mm", "std_mm", "misfit", "whole"  # of each dot
+ARRAYS = "plane", "number", "laboratory_mm", "reading_mm", "lens_mm", "std_mm", "misfit", "whole"  # of each dot
 
 Progress = Callable[[int, int], None]
 
@@ -36,13 +36,15 @@ Progress = Callable[[int, int], None]
 @dataclass(frozen=True)
 class Dots:
     """Dots of all planes. ``plane`` (n,): which image; ``number`` (n, 2): along the target's x and y; ``laboratory_mm``
-    and ``lens_mm`` (n, 3): where each is; ``std_mm`` (n, 3): of the latter; ``misfit`` (n,): of its image; ``whole``
+    (n, 3): where each is on a target square to its traverse, which reads ``reading_mm`` (n,); ``lens_mm`` (n, 3): where
+    each is in lens space; ``std_mm`` (n, 3): of the latter; ``misfit`` (n,): of its image; ``whole``
     (n,): seen whole. ``aperture_mm``: of the views through which they were measured. ``view_shift_mm`` (planes, views,
     2): by how much all dots of a plane lie aside in a view, on the microlens plane; NaN in views that are not used."""
 
     plane: NDArray[np.int64]
     number: NDArray[np.int64]
     laboratory_mm: NDArray[np.float64]
+    reading_mm: NDArray[np.float64]
     lens_mm: NDArray[np.float64]
     std_mm: NDArray[np.float64]
     misfit: NDArray[np.float64]
@@ -104,6 +106,7 @@ def measure_dots(
             np.full(len(number), n),
             number,
             board.places_mm(number, image.z_mm),
+            np.full(len(number), image.z_mm),
             again.place_mm,
             again.std_mm,
             again.misfit,

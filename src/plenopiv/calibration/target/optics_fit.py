@@ -35,7 +35,7 @@ PITCH = 3e-5  # of the array's pitch, which lithography gives
 UNKNOWN_INDEX = 1.2, 0.2  # of a fluid that nobody names: from air to oil
 STATED_INDEX = 1e-3
 STATED_MM = 0.05  # of a stated way in the fluid, relative
-SQUARE = 0.02  # rad by which a target is not square to its traverse
+SQUARE = 0.02  # rad, of how square a target is to its traverse
 FLOOR_MM = np.array([0.15e-3, 0.15e-3, 3e-3])  # what a model does not hold of one dot; of good lenses
 FEWEST = 58  # dots seen whole, three equations each; of most numbers something is known beforehand
 RAYS = 37
@@ -69,7 +69,8 @@ def fit_optics(dots: Dots, camera: PlenopticCamera, medium: Medium | None) -> Op
         PlenoPIVError: the dots do not determine the optics.
     """
     problem, in_focus = _Problem.of(camera, medium), _in_focus(dots)
-    dots = replace(dots, laboratory_mm=dots.laboratory_mm - [0.0, 0.0, in_focus])
+    from_focus = dots.laboratory_mm - [0.0, 0.0, in_focus]
+    dots = replace(dots, laboratory_mm=from_focus, reading_mm=dots.reading_mm - in_focus)
     used = dots.whole.copy()
     if used.sum() < FEWEST:
         raise PlenoPIVError(
@@ -141,11 +142,10 @@ def _from_the_traverse_s_zero(
 
 
 def placed(parameters: NDArray[np.float64], dots: Dots) -> NDArray[np.float64]:
-    """Where the dots are in the laboratory (n, 3): z is along the traverse, to which their plane is nearly square."""
+    """Where the dots are in the laboratory (n, 3): z is along the traverse, to which the target is nearly square."""
     about_x, about_y = parameters[[NAMES.index("plane_turn_x_rad"), NAMES.index("plane_turn_y_rad")]].tolist()
-    turned = rotation(about_x, about_y, 0.0)
-    across, reading = dots.laboratory_mm * [1.0, 1.0, 0.0], dots.laboratory_mm * [0.0, 0.0, 1.0]
-    return np.asarray(across @ turned.T + reading, np.float64)
+    along = dots.reading_mm[:, None] * [0.0, 0.0, 1.0]
+    return np.asarray((dots.laboratory_mm - along) @ rotation(about_x, about_y, 0.0).T + along, np.float64)
 
 
 @dataclass(frozen=True)
