@@ -46,8 +46,8 @@ PHASES = 8  # pairs of microlenses, for each lag, whose phases the model takes
 LEAST, SURE = 0.13, 3.0  # pitches and error bars below which a blur is none: of sharp lenses up to 0.11 is found
 USUAL = 0.2  # left of the correlations of a thousand microlenses and more, at most
 FEWEST = 200  # microlenses whose rays stay in the volume, and that are evenly lit
-ABOUT = 3  # microlenses on each side over which light is averaged: about as far as the longest lag
-LIT = 0.6  # of the brightest such averages (90th percentile), at least, where light is even
+NEAR, LIT = 3, 0.6  # microlenses on each side; light is even where their mean is this much of the brightest's (90 %)
+ABOUT = 7  # microlenses on each side over which the mean light is taken off: farther than the longest lag
 FEWEST_ACROSS, FEWEST_ROWS = 13, 9  # microlenses of a sensor that has some with all lags about them
 
 Array = NDArray[np.float64]
@@ -120,16 +120,17 @@ def where_evenly_lit(values: NDArray[np.float32], inside: NDArray[np.bool_]) -> 
     as bright as anywhere; and where that is."""
     from scipy.ndimage import uniform_filter
 
-    def about(one: NDArray) -> Array:
-        return np.asarray(uniform_filter(one.astype(np.float64), 2 * ABOUT + 1, mode="constant"))
+    def mean(one: NDArray, of: NDArray, reach: int) -> Array:
+        above, below = (uniform_filter(k.astype(np.float64), 2 * reach + 1, mode="constant") for k in (one, of))
+        return np.asarray(above / np.maximum(below, 1e-6))
 
     count = inside.sum(0)
-    light = about(np.where(inside, values, 0).sum(0)) / np.maximum(about(count), 1e-6)
+    light = mean(np.where(inside, values, 0).sum(0), count, NEAR)
     even = inside & (light >= LIT * np.percentile(light[count > 0], 90))
     out = np.zeros(values.shape, np.float32)
     for view, of_view in enumerate(even):
-        mean = about(np.where(of_view, values[view], 0)) / np.maximum(about(of_view), 1e-6)
-        out[view] = np.where(of_view, values[view] - mean, 0)
+        about = mean(np.where(of_view, values[view], 0), of_view, ABOUT)
+        out[view] = np.where(of_view, values[view] - about, 0)
     return out, even
 
 
