@@ -109,6 +109,8 @@ def test_a_divisor_of_zero(folder, tmp_path, one_line, key, value):
         (b"[1, 2]", "must hold tables, not list"),
         (b"\xff\xfe{\0}\0", "is not a text file in UTF-8"),
         (b"", "neither valid JSON nor TOML"),
+        (b'{"sensor": {\n  "pitch_um": 5,5\n}}', '"pitch_um": 5,5; decimals take a point: 0.5, not 0,5'),
+        (b'{"sensor": {"pitch_um": 5.5, "bits": 0,308}}', "decimals take a point"),
     ],
 )
 def test_a_file_that_is_no_sheet(folder, tmp_path, one_line, content, said):

@@ -76,6 +76,7 @@ def test_info_of_a_velocity_file_and_of_others(tmp_path, capsys, one_line):
     assert "missing" not in text
     assert "info reads experiment files" in one_line("info", tmp_path / "notes.txt")
     assert "no such file" in one_line("info", tmp_path / "none.nc")
+    assert "is a folder; name the experiment file, velocity.nc or the image in it" in one_line("info", tmp_path)
 
 
 def test_info_rounds_the_spacing_of_vectors_as_a_run_does(folder, capsys):

@@ -83,6 +83,9 @@ MISTAKES = [
     ("camera.main_lens.focal_length_mm", None, "main_lens.focal_length_mm: missing; add focal_length_mm to [camera."),
     ("camera.sensor", None, "camera.sensor: missing; add a [camera.sensor] table"),
     ("camera.main_lens.focal_length_mm", "50", "camera.main_lens.focal_length_mm: must be a number, not '50'"),
+    ("camera.main_lens.focal_length_mm", "50,5", "not '50,5'; write it as 50.5, without quotes"),
+    ("camera.sensor.rows", "1350", "must be a whole number, not '1350'; write it as 1350, without quotes"),
+    ("camera.main_lens.focal_length_mm", "f/2", "must be a number, not 'f/2'"),
     ("camera.main_lens.focal_length_mm", True, "must be a number"),
     ("camera.main_lens.focal_length_mm", math.nan, "must be a finite number"),
     ("camera.main_lens.focal_length_mm", math.inf, "must be a finite number"),
@@ -153,7 +156,11 @@ def test_several_mistakes_are_counted_and_named_by_key():
     [
         (b"[camera]\nkind = plenoptic\n", "line 2"),
         (b"[camera]\nkind = 'plenoptic'\nkind = 'plenoptic'\n", "line 3"),
-        (b"\xff\xfe\x00\x01", "UTF-8"),
+        (b"\xff\xfe\x00\x01", "is not a text file in UTF-8; name a text file, or save it as UTF-8"),
+        ("[recording]\ndt_s = 5e-4  # 500 µs".encode("latin-1"), "save it as UTF-8, or write line 2 without"),
+        (b"[recording]\ndt_s = 0,0005\n", "): dt_s = 0,0005; decimals take a point: 0.5, not 0,5"),
+        (b"[volume]\nx_mm = [1,2 3]\n", "): x_mm = [1,2 3]"),
+        (b"[recording]\ndt_s = 5e-4\ndt_s = 5e-4\n", "(at line 3, column 12): dt_s = 5e-4"),
         (b"", "camera: missing; add a [camera] table"),
     ],
 )

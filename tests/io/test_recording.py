@@ -90,7 +90,10 @@ def test_frames_come_upright(tmp_path, counts):
 
 
 def test_a_missing_file_a_folder_and_an_empty_file(tmp_path):
-    assert "no such file" in refused(tmp_path / "none.tif")
+    assert refused(tmp_path / "none.tif").endswith("none.tif: no such file; correct its name, or put it there")
+    (tmp_path / "white_1.tif").touch()
+    assert refused(tmp_path / "white1.tif").endswith("no such file; did you mean white_1.tif?")
+    assert refused(tmp_path / "gone" / "a.tif").endswith(f"; there is no folder {tmp_path / 'gone'}: correct its name")
     assert "cannot be read" in refused(tmp_path)
     empty = tmp_path / "empty.tif"
     empty.touch()

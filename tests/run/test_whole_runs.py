@@ -2,6 +2,7 @@
 
 import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -86,6 +87,9 @@ def test_the_results_folder(finished, capsys):
         "manifest.jsonl",
     }
     assert {"velocity.png", "velocity.pdf", "residuals.pdf"} < {path.name for path in (folder / "figures").iterdir()}
+    page = (Path(__file__).parents[2] / "docs" / "guide.md").read_text(encoding="utf-8")
+    keys = {*summary, *summary["not_in_images"], *summary["calibration"], *summary["reconstruction"]["a.tif"]}
+    assert {key for key in keys if f"`{key}`" not in page} <= {"lattice", "microlenses"}
     assert summary["calibration"]["residual_px"] < 0.05
     assert summary["reconstruction"]["a.tif"]["candidate_share"] < 0.5
     residuals = summary["reconstruction"]["b.tif"]["residual_counts_by_iteration"]

@@ -25,6 +25,8 @@ def info(file: Path) -> str:
         PlenoPIVError: the file is missing, damaged or of no kind that is known.
     """
     readers = {".toml": _experiment, ".nc": _velocity, ".tif": _image, ".tiff": _image}
+    if file.is_dir():
+        raise PlenoPIVError(f"{file}: is a folder; name the experiment file, velocity.nc or the image in it")
     reader = readers.get(file.suffix.lower())
     if reader is None:
         raise PlenoPIVError(f"{file}: info reads experiment files (.toml), velocity fields (.nc) and images (.tif)")

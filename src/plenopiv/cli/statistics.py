@@ -14,6 +14,7 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.io.aside import written_aside
 from plenopiv.io.series_statistics import BY_PHASE, STATISTICS, statistics_of, velocity_file, write_statistics
 from plenopiv.statistics import summary_of
+from plenopiv.statistics.moments import FEWEST
 from plenopiv.statistics.variables import INTERVAL, NAMES
 
 if TYPE_CHECKING:
@@ -57,6 +58,13 @@ def statistics(
         warnings.warn(
             f"{target}: at {100 * told['correlated_beyond_lags_share']:.0f} % of the places the correlation in time "
             f"outlasts {told['lags']} pairs, and error bars are too short there; use a larger --lags",
+            PlenoPIVWarning,
+            stacklevel=2,
+        )
+    if told["pairs"] < FEWEST:
+        warnings.warn(
+            f"{target}: {told['pairs']} pair{'s' * (told['pairs'] != 1)}: fluctuations and their error bars take "
+            f"{FEWEST} or more, and are NaN or mean nothing",
             PlenoPIVWarning,
             stacklevel=2,
         )

@@ -46,7 +46,7 @@ z_mm = {z}   # {why_depth}
 voxel_mm = {voxel}   # along x, y, z
 
 [reconstruction]
-method = {method}   # "mart": every voxel may hold light; "drt-mart": only those that all views see lit
+method = {method}   # "mart": every voxel may hold light; "drt-mart": only those that can hold a particle
 iterations = {iterations}   # each uses all views once
 relaxation = {relaxation}   # 0 to 1: smaller is steadier and slower
 

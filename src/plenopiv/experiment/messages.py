@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from difflib import get_close_matches
 from typing import Any, get_args
 
@@ -17,6 +18,7 @@ PLAIN = {
     "string_type": "must be text",
     "finite_number": "must be a finite number",
 }  # where pydantic's words are about Python
+TEXT_OF_NUMBER = re.compile(r"[-+]?\d+([.,]\d+)?")
 
 
 def tables_of(model: type[BaseModel], prefix: str = "") -> dict[str, list[str]]:
@@ -54,7 +56,7 @@ def problems(error: ValidationError, model: type[BaseModel]) -> list[str]:
         elif item["type"] == "too_short" and any(line.startswith(f"{dotted}[") for line in others):
             continue  # short only because the entries named above are left out
         elif item["type"] in PLAIN:
-            others.append(f"{dotted}: {PLAIN[item['type']]}, not {_short(item['input'])}")
+            others.append(f"{dotted}: {PLAIN[item['type']]}, not {_short(item['input'])}{_as_number(item)}")
         elif item["type"] == "extra_forbidden":
             unknown.append(unknown_key(dotted, tables))
         elif item["type"] == "missing":
@@ -81,6 +83,14 @@ def _dotted(location: tuple[int | str, ...]) -> str:
     for part in location:
         text += f"[{part}]" if isinstance(part, int) else f".{part}"
     return text.lstrip(".")
+
+
+def _as_number(item: Any) -> str:
+    """How a number that was written as text is written."""
+    text = str(item["input"]).strip()
+    if item["type"] not in ("float_type", "int_type") or not TEXT_OF_NUMBER.fullmatch(text):
+        return ""
+    return f"; write it as {text.replace(',', '.')}, without quotes"
 
 
 def _short(value: Any) -> str:

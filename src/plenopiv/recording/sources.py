@@ -6,19 +6,22 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, printable
 from plenopiv.recording import formats, tiff
 from plenopiv.sensor import Sensor
 
 Half = Literal["top", "bottom"]
 FORMATS = "TIFF, PNG, NumPy (.npy), HDF5 (file.h5::dataset) and LaVision (.im7) files are read"
+LOOKED_AT = 5000  # names in a folder, for one that was meant
 
 
 @dataclass(frozen=True)
@@ -234,6 +237,16 @@ def image_size(path: Path) -> tuple[int, int]:
     return sources_of(path)[0].size()
 
 
+def _meant(path: Path) -> str:
+    """What to do about a file that is not there."""
+    try:
+        there = sorted(each.name for each in islice(path.parent.iterdir(), LOOKED_AT))
+    except OSError:
+        return f"; there is no folder {path.parent}: correct its name"
+    near = get_close_matches(path.name, there, n=1)
+    return f"; did you mean {printable(near[0])}?" if near else "; correct its name, or put it there"
+
+
 def _check_readable(path: Path) -> None:
     try:
         mode = path.stat().st_mode
@@ -242,7 +255,7 @@ def _check_readable(path: Path) -> None:
         with path.open("rb") as file:
             start = file.read(8)
     except FileNotFoundError:
-        raise PlenoPIVError(f"{path}: no such file") from None
+        raise PlenoPIVError(f"{path}: no such file{_meant(path)}") from None
     except OSError as error:
         raise PlenoPIVError(f"{path}: cannot be read ({error.strerror})") from None
     except ValueError:  # a NUL in the name
