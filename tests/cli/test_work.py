@@ -49,6 +49,52 @@ def test_simulate_then_calibrate_and_inform(folder, tmp_path, capsys, one_line):
     assert "280 x 224 px" in capsys.readouterr().out
 
 
+def test_a_rehearsal_is_measured_as_the_file_says(folder, tmp_path, capsys):
+    file = folder / "experiment.toml"
+    text = file.read_text().replace('directory = "results"', 'directory = "/data"\nvolumes = true')
+    text = text.replace("overlap = 0.5", "overlap = 0.75\nsmoothing_voxels = [1.5, 1.5, 1.0]").replace(
+        "iterations = 5", "iterations = 7"
+    )
+    file.write_text(text + SIMULATION + "[tracking]\ngrid_mm = 0.3\n")
+    asked = Experiment.load(file)
+    assert main(["simulate", str(file), str(tmp_path / "synthetic")]) == 0
+    made = Experiment.load(tmp_path / "synthetic" / "experiment.toml")
+    assert (made.reconstruction, made.correlation, made.tracking) == (
+        asked.reconstruction,
+        asked.correlation,
+        asked.tracking,
+    )
+    assert (made.output.directory, made.output.volumes) == ("results", True)
+    assert (made.correlation.overlap, made.reconstruction.iterations) == (0.75, 7)
+    assert "not simulated" not in capsys.readouterr().err
+    file.write_text(text.replace("[volume]", '[volume]\nbody = "hull.stl"') + SIMULATION)
+    assert main(["simulate", str(file), str(tmp_path / "with-body")]) == 0
+    assert "volume.body: not simulated, and left out of the recording" in capsys.readouterr().err
+
+
+def test_a_place_of_no_target_is_refused(folder, tmp_path, one_line):
+    file = folder / "experiment.toml"
+    file.write_text(file.read_text() + SIMULATION + "pose = { turn_deg = 1.0 }\n")
+    assert "simulation.pose: places a target, and there is none; add" in one_line("simulate", file, tmp_path / "made")
+
+
+@pytest.mark.parametrize(
+    ("flow", "parameters", "said"),
+    [
+        ("lamb-oseen", "core_radius_mm = 1e-200", "core_radius_mm = 1e-200; give a length above 0"),
+        ("vortex-ring", "radius_mm = 1e200", "radius_mm = 1e+200; give a number up to 1e+09"),
+        ("vortex-ring", "circulation_mm2_s = 1e300", "give a number up to 1e+09"),
+        ("vortex-ring", "circulation_mm2_s = 1e9", "are too many"),
+        ("file", "speed = 1.0", "simulation.flow: 'file' needs the parameter 'path'"),
+    ],
+)
+def test_parameters_beyond_all_flows_are_one_line(folder, tmp_path, one_line, flow, parameters, said):
+    file = folder / "experiment.toml"
+    own = SIMULATION.replace("uniform", flow).replace("velocity_m_s = [0.1, 0.0, 0.0]", parameters)
+    file.write_text(file.read_text() + own)
+    assert said in one_line("simulate", file, tmp_path / "made")
+
+
 def test_a_wrong_flow_is_named(folder, tmp_path, one_line):
     file = folder / "experiment.toml"
     file.write_text(file.read_text() + SIMULATION.replace("uniform", "unifrom"))

@@ -21,8 +21,9 @@ MIDDLE = np.array([[-0.1, 1.3, 2.2], [0.4, 2.9, 2.4]])
 
 @pytest.mark.parametrize(
     ("length", "per_mm", "speed", "per_m_s"),
-    [("mm", 1.0, "m/s", 1.0), ("m", 1e-3, "mm s-1", 1e3), ("cm", 0.1, "cm.s-1", 1e2), ("um", 1e3, "m s**-1", 1.0)],
-)
+    [("mm", 1.0, "m/s", 1.0), ("m", 1e-3, "mm s-1", 1e3), ("cm", 0.1, "cm.s-1", 1e2), ("um", 1e3, "m s**-1", 1.0),
+     ("\N{GREEK SMALL LETTER MU}m", 1e3, "m/s", 1.0)],
+)  # fmt: skip
 def test_units_are_read(tmp_path, length, per_mm, speed, per_m_s):
     path = write(dataset(length, speed, per_mm, per_m_s), tmp_path / "flow.nc")
     assert flow("file", path=path)(MIDDLE) == pytest.approx(linear(MIDDLE))

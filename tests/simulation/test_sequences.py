@@ -61,6 +61,26 @@ def test_the_folder_is_a_sequence_and_dark_particles_leave_no_light(tmp_path):
     assert json.loads((tmp_path / "r" / "truth.json").read_text())["frames"] == 3
 
 
+def test_fewer_frames_leave_none_of_those_before(tmp_path):
+    def made(frames: int, folder: str = "r", **options):
+        still = tuple(Particles(np.zeros((1, 3)), np.array([1e4])) for _ in range(frames))
+        simulate_sequence(
+            tmp_path / folder, CAMERA, flow("uniform"), frames, dt_s=1e-3, volume_mm=VOLUME, particles=still,
+            windows=((16, 16, 16),), rays=10, **options,
+        )  # fmt: skip
+        return Experiment.load(tmp_path / folder / "experiment.toml").recording()
+
+    assert len(made(4)) == 4
+    (tmp_path / "r" / "mine.tif").touch()
+    assert len(made(3, overwrite=True)) == 3
+    assert (tmp_path / "r" / "mine.tif").exists()
+    (tmp_path / "raw").mkdir()
+    (tmp_path / "raw" / "frame-001.tif").write_text("taken in the laboratory")
+    with pytest.raises(PlenoPIVError, match=r"frame-001\.tif: is there; choose another folder, or pass --overwrite"):
+        made(3, "raw")
+    assert (tmp_path / "raw" / "frame-001.tif").read_text() == "taken in the laboratory"
+
+
 def test_one_frame_is_no_sequence(tmp_path):
     with pytest.raises(PlenoPIVError, match="1 frame in a sequence, give at least two"):
         simulate_sequence(tmp_path / "r", CAMERA, flow("uniform"), 1, dt_s=1e-3, volume_mm=VOLUME)

@@ -136,6 +136,23 @@ def test_a_recording_is_not_overwritten_unless_asked(recorded, tmp_path):
     assert not list(tmp_path.glob(".*.part"))
 
 
+@pytest.mark.parametrize("name", ["white.tif", "b.tif", "optics.json", "truth_particles.npz"])
+def test_images_of_a_camera_are_not_lost(tmp_path, name):
+    """A folder of raw images, before an experiment file is drafted."""
+    (tmp_path / name).write_text("raw")
+    with pytest.raises(PlenoPIVError, match=f"{name}: is there; choose another folder"):
+        write(tmp_path)
+    assert (tmp_path / name).read_text() == "raw"
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_a_folder_that_cannot_be_is_told_before_rays_are_traced(tmp_path):
+    (tmp_path / "file").touch()
+    for folder in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(PlenoPIVError, match=f"cannot be made, {tmp_path / 'file'} is no folder"):
+            write(folder, progress=lambda *_: pytest.fail("rays were traced"))
+
+
 def test_particles_enter_and_leave_the_volume():
     rng = np.random.default_rng(0)
     a, b = seed_pair(CAMERA, flow("uniform", velocity_m_s=(0.4, 0, 0)), 5e-4, VOLUME, Seeding(), rng)

@@ -137,6 +137,12 @@ def test_what_cannot_be_used_is_one_line(tmp_path, change, said):
     assert "\n" not in str(told.value)
 
 
+def test_a_time_of_an_image_is_refused(tmp_path):
+    vti(tmp_path / "flow.vti")
+    with pytest.raises(PlenoPIVError, match="a VTK image holds one time; leave out time = 7"):
+        flow("file", path=str(tmp_path / "flow.vti"), time=7, **UNITS)
+
+
 def test_turned_axes_are_refused(tmp_path):
     path = vti(tmp_path / "flow.vti", attributes='Direction="0 1 0 -1 0 0 0 0 1"')
     with pytest.raises(PlenoPIVError, match="axes are turned"):

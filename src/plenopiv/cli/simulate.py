@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 from plenopiv.cameras.drift import ArrayDrift
 from plenopiv.cli.progress import Progress
 from plenopiv.cli.terminal import command_line
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
 from plenopiv.simulation.flows import flow
 from plenopiv.simulation.real_camera import Pose, RealCamera
@@ -45,6 +46,12 @@ def recorded(experiment: Experiment, folder: Path, overwrite: bool) -> Simulated
         raise PlenoPIVError(f"{experiment.path}: has no [simulation] table; plenopiv simulate --help shows one")
     if folder.resolve() == experiment.folder.resolve():
         raise PlenoPIVError(f"{folder}: holds the experiment file itself; name another folder for the recording")
+    if wanted.pose is not None and experiment.calibration is None:
+        raise PlenoPIVError(
+            f"{experiment.path}: simulation.pose: places a target, and there is none; add [calibration], or leave the "
+            "pose out: a run would take the volume for the camera's"
+        )
+    _warn_of_what_is_left_out(experiment)
     volume = experiment.volume
     parameters = dict(wanted.parameters)
     if "path" in parameters:
@@ -73,6 +80,7 @@ def recorded(experiment: Experiment, folder: Path, overwrite: bool) -> Simulated
             "voxel_mm": volume.voxel_mm,
             "windows": experiment.correlation.windows,
             "drift": None if wanted.drift is None else ArrayDrift(**wanted.drift.model_dump()),
+            "settings": _settings(experiment),
             "seed": wanted.seed,
             "overwrite": overwrite,
             "progress": partial(progress, "tracing particles"),
@@ -87,6 +95,22 @@ def recorded(experiment: Experiment, folder: Path, overwrite: bool) -> Simulated
         except PlenoPIVError as error:
             raise PlenoPIVError(f"{experiment.path}: {error}") from None
         return SimulatedRecording(made.directory, *made.pairs[0], made.images)
+
+
+def _warn_of_what_is_left_out(experiment: Experiment) -> None:
+    named = {"volume.body": experiment.volume.body, "recording.mask": experiment.recording_table.mask}
+    if left_out := [key for key, name in named.items() if name]:
+        warnings.warn(
+            f"{experiment.path}: {' and '.join(left_out)}: not simulated, and left out of the recording",
+            PlenoPIVWarning,
+            stacklevel=2,
+        )
+
+
+def _settings(experiment: Experiment) -> dict[str, Any]:
+    """The tables of what is done with images, as the file states them."""
+    stated = experiment.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
+    return {name: stated[name] for name in ("reconstruction", "correlation", "tracking", "output") if name in stated}
 
 
 def _is_real(experiment: Experiment) -> bool:

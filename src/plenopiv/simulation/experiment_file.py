@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from plenopiv.cameras.coverage import coverage
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.sensor import Orientation
 from plenopiv.volume import Limits
+
+Settings = Mapping[str, Mapping[str, Any]]  # tables by name
 
 TEMPLATE = """\
 # One plenoptic recording, from raw images to a velocity field:  plenopiv run experiment.toml
@@ -45,6 +48,9 @@ y_mm = {y}
 z_mm = {z}             # 0 = focal plane, + toward the camera
 voxel_mm = {voxel}
 {unseen}
+{settings}"""
+
+SETTINGS = """\
 [reconstruction]
 method = "drt-mart"            # "mart", "drt-mart", ...
 iterations = 5
@@ -88,11 +94,13 @@ def experiment_toml(
     tables: str = "",
     images: str = FRAMES,
     seen_mm: Limits | None = None,
+    settings: Settings | None = None,
 ) -> str:
     """The text of the file; limits and voxels in mm, windows in voxels along x, y, z.
 
     ``tables``: those of [medium] and [calibration], as text; ``images``: lines of [recording] that name frames and
-    other images; ``seen_mm``: the volume as a thin lens in air sees it, where that is another one.
+    other images; ``seen_mm``: the volume as a thin lens in air sees it, where that is another one; ``settings``: tables
+    of what is done with the images, such as reconstruction, instead of the usual ones.
     """
     lens, sensor = camera.main_lens, camera.sensor
     return TEMPLATE.format(
@@ -117,5 +125,17 @@ def experiment_toml(
         tables=tables,
         images=images,
         unseen=UNSEEN if coverage(camera, seen_mm or volume_mm).no_view else "",
-        windows=[list(map(int, w)) for w in windows],
+        settings=_settings(settings, [list(map(int, w)) for w in windows]),
     )
+
+
+def _settings(stated: Settings | None, windows: list[list[int]]) -> str:
+    """Tables of reconstruction, correlation and output; results are beside the recording, whatever is ``stated``."""
+    if stated is None:
+        return SETTINGS.format(windows=windows)
+    import tomli_w
+
+    tables = {name: dict(table) for name, table in stated.items()}
+    tables["correlation"] = {"windows": windows} | tables.get("correlation", {})
+    tables["output"] = tables.get("output", {}) | {"directory": "results"}
+    return tomli_w.dumps(tables).rstrip("\n")

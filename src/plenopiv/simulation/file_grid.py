@@ -61,6 +61,7 @@ def _factor(path: Path, key: str, name: str, stated: str | None, given: str | No
 
 def _plain(unit: str) -> str:
     """A unit without blanks and dots; "m s-1", "m.s**-1" and "ms^-1" are one."""
+    unit = unit.replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
     joined = "".join(unit.replace("**", "^").replace("·", " ").replace(".", " ").split())
     return joined[:-1] if joined.endswith(("meters", "metres", "microns")) else joined
 

@@ -72,6 +72,8 @@ class FlowFile:
         if not path.is_file():
             raise PlenoPIVError(f"flow: {path}: no such file")
         if path.suffix in (".vti", ".vtk"):
+            if self.time:
+                raise PlenoPIVError(f"flow: {path}: a VTK image holds one time; leave out time = {self.time}")
             grid = read_vtk_image(path, self.variables)
         elif path.suffix in (".nc", ".nc4", ".h5", ".cdf"):
             grid = read_netcdf(path, self.variables, self.time)

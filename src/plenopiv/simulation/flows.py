@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
-from math import isfinite, pi
+from dataclasses import MISSING, asdict, dataclass, fields
+from math import pi
 from numbers import Real
 from typing import Any
 
@@ -18,12 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.simulation.flow_file import FlowFile, Jet
+from plenopiv.simulation.flow_file import LARGEST, FlowFile, Jet
 
 Vector = tuple[float, float, float]
 Velocity = Callable[[NDArray], NDArray]
 M_PER_MM = 1e-3
 MM_PER_M = 1e3
+SMALLEST = 1e-9  # mm
 POSITIVE = ("core_radius_mm", "radius_mm", "wavelength_mm")
 
 
@@ -42,16 +43,16 @@ def _checked(velocity: Velocity) -> None:
         value, said = getattr(velocity, each.name), f"flow: '{name}': {each.name}"
         if each.type == "Vector":
             if not isinstance(value, tuple | list | np.ndarray) or len(value) != 3 or not all(map(_is_number, value)):
-                raise PlenoPIVError(f"{said} = {value!r:.60}; give three numbers, along x, y and z")
+                raise PlenoPIVError(f"{said} = {value!r:.60}; give three numbers up to {LARGEST:g}, along x, y and z")
         elif each.type == "float":
             if not _is_number(value):
-                raise PlenoPIVError(f"{said} = {value!r:.60}; give a finite number")
-            if each.name in POSITIVE and not value > 0:
+                raise PlenoPIVError(f"{said} = {value!r:.60}; give a number up to {LARGEST:g}")
+            if each.name in POSITIVE and not value >= SMALLEST:
                 raise PlenoPIVError(f"{said} = {value!r:.60}; give a length above 0")
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
+    return isinstance(value, Real) and not isinstance(value, bool) and abs(float(value)) <= LARGEST
 
 
 @dataclass(frozen=True)
@@ -230,6 +231,9 @@ def flow(name: str, **parameters: Any) -> Velocity:
     for key in parameters:
         if key not in known:
             raise PlenoPIVError(f"flow: '{name}' has no parameter '{key}', {_nearest(key, known)}")
+    for each in fields(FLOWS[name]):
+        if each.default is MISSING and each.name not in parameters:
+            raise PlenoPIVError(f"flow: '{name}' needs the parameter '{each.name}'")
     return FLOWS[name](**{k: tuple(v) if isinstance(v, (list, np.ndarray)) else v for k, v in parameters.items()})
 
 

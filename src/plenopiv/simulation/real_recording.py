@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from plenopiv.cameras.drift import ArrayDrift
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.plenoptic import MainLens, PlenopticCamera
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, printable
 from plenopiv.sensor import Orientation
-from plenopiv.simulation.experiment_file import FRAMES, default_voxel_mm, experiment_toml
+from plenopiv.simulation.experiment_file import FRAMES, Settings, default_voxel_mm, experiment_toml
 from plenopiv.simulation.flows import Velocity, describe
 from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.patches import Progress
@@ -27,6 +27,7 @@ from plenopiv.simulation.simulated_recording import (
     Seeding,
     WhiteLight,
     as_json,
+    checked_folder,
     checked_seed,
     counted,
     of_pair,
@@ -39,6 +40,8 @@ from plenopiv.volume import Limits
 
 OURS = ("white", "a", "b", "dark", "background_a", "background_b")  # images that a recording has besides
 MEAN_OF = 20  # frames that dark image and images of static light are the mean of
+
+ESCAPED = '"\\\\'  # in texts of the experiment file
 
 Counts = NDArray[np.uint16]
 
@@ -62,10 +65,11 @@ class TargetPlanes:
         files = self.files()
         for name in files:
             # all images lie in the recording's folder, as TIFF files
-            if Path(name).name != name or not name.endswith(".tif") or Path(name).stem in OURS:
+            odd = not name.isprintable() or set(name) & set(ESCAPED)
+            if odd or Path(name).name != name or Path(name).suffix != ".tif" or Path(name).stem in OURS:
                 raise PlenoPIVError(
-                    f"simulation: '{name}' cannot be the file of a target; give NAME.tif without a folder, and none of "
-                    f"{', '.join(OURS)}"
+                    f"simulation: '{printable(name)}' cannot be the file of a target; give NAME.tif without a folder, "
+                    f"and none of {', '.join(OURS)}"
                 )
         if len(set(files)) < len(files):
             raise PlenoPIVError(f"simulation: {', '.join(files)} name one file for two targets; give each another name")
@@ -130,6 +134,7 @@ def simulate_real_recording(
     voxel_mm: tuple[float, float, float] | None = None,
     windows: tuple[tuple[int, int, int], ...] = ((128, 128, 32), (64, 64, 16)),
     drift: ArrayDrift | None = None,
+    settings: Settings | None = None,
     seed: int = 0,
     overwrite: bool = False,
     progress: Progress | None = None,
@@ -144,10 +149,12 @@ def simulate_real_recording(
 
     Raises PlenoPIVError as ``simulate_recording`` does, and where particles or targets are not in the fluid.
     """
-    out = Path(directory)
-    seed = checked_seed(out, dt_s, seed, overwrite)
+    seed = checked_seed(dt_s, seed)
     if pairs < 1:
         raise PlenoPIVError(f"simulation: pairs = {pairs}, give at least one")
+    frames = [name for number in range(1, pairs + 1) for name in _frame_names(number, pairs)]
+    files = () if extras is None or extras.targets is None else extras.targets.files()
+    out = checked_folder(directory, (*(f"{name}.tif" for name in (*OURS, *frames)), *files), overwrite)
     extras, seeding, noise = extras or Extras(), seeding or Seeding(), noise or SensorNoise()
     white, true_sheet = white or WhiteLight(), data_sheet(camera)
     diffraction_nm = wavelength_nm if diffraction else None
@@ -195,7 +202,7 @@ def simulate_real_recording(
             )
             light *= extras.second_pulse if k else 1.0
             light += seeding.background_electrons + static[k]
-            images["ab"[k] if pairs == 1 else f"run_{number:04d}_{'ab'[k]}"] = counts(light, rng)
+            images[_frame_names(number, pairs)[k]] = counts(light, rng)
 
     flow_name, parameters = describe(flow)
     truth = {
@@ -223,11 +230,16 @@ def simulate_real_recording(
     text = experiment_toml(
         stated, orientation, dt_s, volume_mm, voxel_mm or (x, y, round(voxel_z * index, 10)), windows,
         tables=_tables(medium if medium_known else None, extras.targets), images=_image_lines(extras, pairs),
-        seen_mm=_seen_mm(camera, volume_mm, index),
+        seen_mm=_seen_mm(camera, volume_mm, index), settings=settings,
     )  # fmt: skip
     texts = {"optics.json": as_json(known), "truth.json": as_json(truth), COMPLETE: text}
     write_folder(out, images, {name: of_pair(*pair) for name, pair in moved.items()}, texts)
     return RealRecording(out, tuple(moved.values()), images)
+
+
+def _frame_names(number: int, pairs: int) -> tuple[str, str]:
+    """Of the two frames of a pair, by its number from 1."""
+    return ("a", "b") if pairs == 1 else (f"run_{number:04d}_a", f"run_{number:04d}_b")
 
 
 def _seen_mm(camera: RealCamera, volume_mm: Limits, index: float) -> Limits:

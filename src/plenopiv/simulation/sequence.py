@@ -25,6 +25,7 @@ from plenopiv.simulation.simulated_recording import (
     Seeding,
     WhiteLight,
     as_json,
+    checked_folder,
     checked_seed,
     optics_sheet,
     write_folder,
@@ -82,10 +83,11 @@ def simulate_sequence(
     Raises:
         PlenoPIVError: as ``simulate_recording``; fewer than two frames.
     """
-    out = Path(directory)
-    seed = checked_seed(out, dt_s, seed, overwrite)
+    seed = checked_seed(dt_s, seed)
     if frames < 2:
         raise PlenoPIVError(f"simulation: {frames} frame in a sequence, give at least two")
+    names = [f"frame-{number:03d}" for number in range(frames)]
+    out = checked_folder(directory, ("white.tif", *(f"{name}.tif" for name in names)), overwrite)
     seeding, noise = seeding or Seeding(), noise or SensorNoise()
     seeding_rng, white_rng, *noise_rngs = (
         np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2 + frames)
@@ -104,7 +106,6 @@ def simulate_sequence(
             diameter_mm=seeding.diameter_mm,
         )
         particles = carried(middle, flow, dt_s, frames)
-    names = [f"frame-{number:03d}" for number in range(frames)]
     flat = white_image(camera, WhiteLight().electrons_per_pixel, diffraction_nm=wavelength_nm)
     images: dict[str, NDArray[np.uint16]] = {"white": digitise(flat, camera.sensor, noise, white_rng)}
     for number, (name, frame) in enumerate(zip(names, particles, strict=True)):

@@ -12,7 +12,8 @@ from __future__ import annotations
 import json
 import operator
 import os
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from math import degrees
 from pathlib import Path
@@ -26,7 +27,7 @@ from plenopiv.cameras.drift import ArrayDrift
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError
 from plenopiv.sensor import Orientation
-from plenopiv.simulation.experiment_file import default_voxel_mm, experiment_toml
+from plenopiv.simulation.experiment_file import Settings, default_voxel_mm, experiment_toml
 from plenopiv.simulation.flows import Velocity, advect, describe
 from plenopiv.simulation.images import Progress, particle_image
 from plenopiv.simulation.particles import Particles, seed_box
@@ -35,6 +36,8 @@ from plenopiv.simulation.white import white_image
 from plenopiv.volume import Limits
 
 COMPLETE = "experiment.toml"  # written last: where it is, the recording is whole
+TEXTS, TRUTH = ("optics.json", "truth.json"), "truth_particles.npz"
+OURS = re.compile(r"(frame-\d{3,}|run_\d{4,}_[ab])\.tif|truth_particles_\d{4,}\.npz")  # of several frames or pairs
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,7 @@ def simulate_recording(
     voxel_mm: tuple[float, float, float] | None = None,
     windows: tuple[tuple[int, int, int], ...] = ((128, 128, 32), (64, 64, 16)),
     drift: ArrayDrift | None = None,
+    settings: Settings | None = None,
     seed: int = 0,
     overwrite: bool = False,
     progress: Progress | None = None,
@@ -135,16 +139,16 @@ def simulate_recording(
     ``flow``: velocity in m/s at (n, 3) mm, steady during ``dt_s``. ``volume_mm``: the limits ((x), (y), (z)) that
     ``experiment.toml`` asks to reconstruct; the seeded box is that and a margin (``Seeding``). ``particles``: given
     positions in the two frames instead of seeded ones. ``voxel_mm`` as in ``default_voxel_mm`` unless given.
-    ``windows`` are copied to the file. ``rays`` per particle; ``diffraction`` blurs by the microlenses at
+    ``windows`` are copied to the file, and so are ``settings``, tables of reconstruction, correlation, tracking and
+    output by name, where given. ``rays`` per particle; ``diffraction`` blurs by the microlenses at
     ``wavelength_nm``. The lattice, with its rotation and offset, is the camera's, and in the frames what ``drift`` has
     made of it. Everything follows from ``seed``.
     ``progress(done, total)`` counts the particles of both frames.
 
     Files are written aside and renamed, experiment.toml last. Raises PlenoPIVError when the folder already holds a
-    recording and ``overwrite`` is not set, and for settings out of range.
+    recording, or one of the files, and ``overwrite`` is not set, and for settings out of range.
     """
-    out = Path(directory)
-    seed = checked_seed(out, dt_s, seed, overwrite)
+    seed, out = checked_seed(dt_s, seed), checked_folder(directory, ("white.tif", "a.tif", "b.tif"), overwrite)
     seeding, noise, white = seeding or Seeding(), noise or SensorNoise(), white or WhiteLight()
     # one stream for each purpose: changing the noise leaves the particles where they are
     seeding_rng, *noise_rngs = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4))
@@ -187,20 +191,40 @@ def simulate_recording(
             optics_sheet(camera, orientation, dt_s, wavelength_nm, seeding.particles_per_microlens, volume_mm)
         ),
         "truth.json": as_json(truth),
-        COMPLETE: experiment_toml(camera, orientation, dt_s, volume_mm, voxel_mm or default_voxel_mm(camera), windows),
+        COMPLETE: experiment_toml(
+            camera, orientation, dt_s, volume_mm, voxel_mm or default_voxel_mm(camera), windows, settings=settings
+        ),
     }
     write_folder(out, images, {"truth_particles": of_pair(a, b)}, texts)
     return SimulatedRecording(out, a, b, images)
 
 
-def checked_seed(out: Path, dt_s: float, seed: int, overwrite: bool) -> int:
+def checked_folder(directory: str | Path, images: Iterable[str], overwrite: bool) -> Path:
+    """The folder of a recording of these ``images``.
+
+    Raises:
+        PlenoPIVError: it holds a recording already, or a file that would be replaced, and ``overwrite`` is not set; or
+            it cannot be made.
+    """
+    out = Path(directory)
+    if (out / COMPLETE).exists() and not overwrite:
+        raise PlenoPIVError(f"{out}: holds a recording already, choose another folder or pass --overwrite")
+    there = [name for name in (*images, *TEXTS, TRUTH) if (out / name).exists()]
+    if there and not overwrite:  # raw images of a camera may have these names
+        raise PlenoPIVError(f"{out / there[0]}: is there; choose another folder, or pass --overwrite and it is lost")
+    above = next(path for path in (out, *out.absolute().parents) if path.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+        why = "cannot be written to" if above.is_dir() else "is no folder"
+        raise PlenoPIVError(f"{out}: cannot be made, {above} {why}; choose another folder")
+    return out
+
+
+def checked_seed(dt_s: float, seed: int) -> int:
     """The seed as a number of Python: one of NumPy would overflow where seeds of images are made of it.
 
     Raises:
-        PlenoPIVError: the folder holds a recording already, or settings are out of range.
+        PlenoPIVError: settings are out of range.
     """
-    if (out / COMPLETE).exists() and not overwrite:
-        raise PlenoPIVError(f"{out}: holds a recording already, choose another folder or pass --overwrite")
     if not dt_s > 0:
         raise PlenoPIVError(f"simulation: dt_s = {dt_s}, give the time between frames in seconds")
     if seed < 0:
@@ -261,7 +285,8 @@ def write_folder(
     truth: Mapping[str, Mapping[str, NDArray]],
     texts: dict[str, str],
 ) -> None:
-    """Write every file aside, then rename them, the one that says "complete" last.
+    """Write every file aside, then rename them, the one that says "complete" last. Where a simulated recording is
+    replaced its other frames are removed: patterns of the new one would meet them.
 
     ``images`` by name, without ``.tif``; ``truth``: arrays by name, by name of their file without ``.npz``; ``texts``
     by file name.
@@ -281,5 +306,9 @@ def write_folder(
     for name in sorted(texts, key=lambda n: n == COMPLETE):
         aside(name).write_text(texts[name] + "\n")
     (out / COMPLETE).unlink(missing_ok=True)
+    if (out / "truth.json").exists():
+        for path in set(out.iterdir()) - {final for _, final in parts}:
+            if OURS.fullmatch(path.name):
+                path.unlink()
     for part, final in parts:
         os.replace(part, final)
