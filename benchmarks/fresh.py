@@ -47,7 +47,7 @@ DECISIONS = {
     "links": 82,
     "smoothing": 83,
     "fields": 81,
-    "statistics": 56,
+    "statistics": 89,
     "device": 60,
 }
 

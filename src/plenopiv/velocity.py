@@ -18,6 +18,8 @@ Frame = Literal["camera", "laboratory"]
 _DIMS = ("time", "z", "y", "x")
 _OF_CAMERA = {"x": "to the right as the camera sees", "y": "up as the camera sees", "z": "toward the camera"}
 
+OF_TRACKS = "divergence_free"  # attribute that fields of particle tracks have, and no others
+
 
 def velocity_m_s(displacement: NDArray[np.float64], grid: VoxelGrid, dt_s: float) -> NDArray[np.float64]:
     """Velocity (3, nz, ny, nx) in m/s of a ``displacement`` (3, nz, ny, nx) in voxels of ``grid`` per ``dt_s``.
@@ -142,6 +144,12 @@ def velocity_dataset(
             "frame": frame,
         },
     )
+
+
+def of_tracks(field: xr.Dataset) -> bool:
+    """Whether a field is one of particle tracks, not of windows: its standard deviations are flow that tracks do not
+    resolve, for the most part, no random errors that scatter from field to field."""
+    return OF_TRACKS in field.attrs
 
 
 def replaced(field: xr.Dataset) -> xr.DataArray:

@@ -20,12 +20,11 @@ def ar1(memory, count, seed, shape=(3, *SHAPE)):
 
 def spacing_of(samples, lags=16, missing=0.0):
     rng = np.random.default_rng(0)
-    time, n, mean = TimeCorrelation(SHAPE, lags), np.zeros(SHAPE, int), np.zeros((3, *SHAPE))
+    time, n = TimeCorrelation(SHAPE, lags), np.zeros(SHAPE, int)
     for values in samples:
         counted = rng.random(SHAPE) >= missing
         n += counted
-        mean += np.where(counted, values - mean, 0.0) / np.maximum(n, 1)
-        time.add(values, counted, mean)
+        time.add(values, counted)
     return time, time.spacing(n)
 
 
@@ -59,13 +58,41 @@ def test_an_ar1_process_has_its_known_number_of_independent_samples(memory, miss
     assert not spacing.longer_than_lags().any()
 
 
+@pytest.mark.parametrize("missing", [0.0, 0.5, 0.8])
+def test_errors_of_means_are_as_stated_where_vectors_are_missing(missing):
+    """Of what is missing at random T is 1 + 2 (1 - share) sum rho(k): neighbours in time are often not there."""
+    off, stated = [], []
+    for seed in range(4):
+        rng = np.random.default_rng(50 + seed)
+        time, n, total = TimeCorrelation(SHAPE, 16), np.zeros(SHAPE, int), np.zeros((3, *SHAPE))
+        for values in ar1(0.8, 300, 60 + seed):
+            counted = rng.random(SHAPE) >= missing
+            n += counted
+            total += np.where(counted, values, 0.0)
+            time.add(values, counted)
+        spacing = time.spacing(n)
+        off.append(total / n)
+        stated.append(np.sqrt(np.stack([spacing(c) for c in range(3)]) / n))
+    ratio = np.sqrt(np.mean(np.square(off)) / np.mean(np.square(stated)))
+    assert ratio == pytest.approx(1.0, abs=0.1)
+    a, share = 0.8, 1 - missing
+    assert spacing(0).mean() == pytest.approx(1 + 2 * share * a / (1 - a), rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("memory", "count", "share"), [(0.98, 20, 1.0), (0.98, 47, 1.0), (0.0, 5, 0.0), (0.5, 30, 0.0)]
+)
+def test_a_series_shorter_than_the_lags_may_be_too_short(memory, count, share):
+    _, spacing = spacing_of(ar1(memory, count, 9))
+    assert spacing.longer_than_lags().mean() == pytest.approx(share, abs=0.02)
+
+
 def test_a_place_that_is_measured_late_is_followed_from_there():
-    time, n, mean = TimeCorrelation(SHAPE, 8), np.zeros(SHAPE, int), np.zeros((3, *SHAPE))
+    time, n = TimeCorrelation(SHAPE, 8), np.zeros(SHAPE, int)
     for k, values in enumerate(ar1(0.6, 200, 4)):
         counted = np.full(SHAPE, k >= 60)
         n += counted
-        mean += np.where(counted, 50.0 + values - mean, 0.0) / np.maximum(n, 1)
-        time.add(50.0 + values, counted, mean)
+        time.add(50.0 + values, counted)
     assert time.spacing(n)(0).mean() == pytest.approx(4.0, rel=0.1)
 
 
@@ -76,12 +103,11 @@ def test_correlation_beyond_the_lags_is_said():
 
 def test_pairs_set_aside_are_steps_in_time():
     """Every second sample missing: the lag of what follows is two, and its correlation that of two steps."""
-    time, n, mean = TimeCorrelation(SHAPE, 6), np.zeros(SHAPE, int), np.zeros((3, *SHAPE))
+    time, n = TimeCorrelation(SHAPE, 6), np.zeros(SHAPE, int)
     for k, values in enumerate(ar1(0.8, 400, 6)):
         counted = np.full(SHAPE, k % 2 == 0)
         n += counted
-        mean += np.where(counted, values - mean, 0.0) / np.maximum(n, 1)
-        time.add(values, counted, mean)
+        time.add(values, counted)
     assert time.correlation()[1].mean() == pytest.approx(0.64, abs=0.03)
 
 

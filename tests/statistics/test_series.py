@@ -26,6 +26,26 @@ def values():
     return 1000.0 + np.einsum("ij,tj...->ti...", np.linalg.cholesky(STRESS), white)
 
 
+def test_what_tracks_do_not_resolve_is_not_taken_off(values, field_of):
+    fields = [field_of(v, 0.2) for v in values[:6]]
+    windows = collected(fields)
+    for field in fields:
+        field.attrs["divergence_free"] = 1
+    tracks = collected(fields)
+    xr.testing.assert_equal(tracks.uu, windows.uu)
+    xr.testing.assert_equal(tracks.uv_std, windows.uv_std)
+    for name in ("uu_noise", "uu_corrected", "uu_corrected_std", "u_rms_corrected", "u_mean_std_measurement"):
+        assert tracks[name].isnull().all()
+        assert windows[name].notnull().all()
+    assert summary_of(tracks)["median_noise_share"] == [None] * 3
+
+
+def test_vectors_without_an_error_bar_are_none_without_noise(values, field_of):
+    std = np.full(values.shape[1:], 0.5)
+    fields = [field_of(v, np.where(k % 2, np.nan, std)) for k, v in enumerate(values[:8])]
+    assert collected(fields).uu_noise.values == pytest.approx(0.25)
+
+
 def test_moments_are_those_of_all_samples_together(values, field_of):
     rng = np.random.default_rng(6)
     valid = rng.random((40, 3, 4, 5)) > 0.2

@@ -14,6 +14,7 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.io.aside import written_aside
 from plenopiv.io.series_statistics import BY_PHASE, STATISTICS, statistics_of, velocity_file, write_statistics
 from plenopiv.statistics import summary_of
+from plenopiv.statistics.correlated import STRETCHES
 from plenopiv.statistics.moments import FEWEST
 from plenopiv.statistics.variables import INTERVAL, NAMES
 
@@ -55,9 +56,12 @@ def statistics(
         _draw(found, figures)
     told = summary_of(found)
     if told["correlated_beyond_lags_share"] > MUCH:
+        enough = (told["median_samples"] or 0.0) >= STRETCHES * told["lags"]
+        followed = told["lags"] if enough else "a third of the"
+        more = "use a larger --lags" if enough else "more pairs are needed"
         warnings.warn(
             f"{target}: at {100 * told['correlated_beyond_lags_share']:.0f} % of the places the correlation in time "
-            f"outlasts {told['lags']} pairs, and error bars are too short there; use a larger --lags",
+            f"outlasts {followed} pairs, and error bars are too short there; {more}",
             PlenoPIVWarning,
             stacklevel=2,
         )
@@ -97,7 +101,7 @@ def _lines(told: dict[str, Any], found: xarray.Dataset, files: list[str]) -> lis
         noise = told["median_noise_share"][k]
         lines.append(
             f"{name}         RMS at most {told['largest_rms_m_s'][k]:.4g} m/s, at x, y, z = {at} mm; "
-            f"{_of_noise(noise or 0)}"
+            f"{'random errors of vectors are not known apart' if noise is None else _of_noise(noise)}"
         )
         error, of_rms = told["median_mean_std_m_s"][k], told["median_rms_std_m_s"][k]
         if error is not None:

@@ -59,6 +59,7 @@ if TYPE_CHECKING:
 
 FILE, FOLDER = "tracks.nc", "tracking"
 OF_A_PAIR = ("links", "nodes_mm", "smoothing", "error_scale", "links_left_out")  # attributes of its field
+ON_CPU = "compute.device: plenopiv track computes on this processor, the volumes that it begins with too"
 BYTES_A_PIXEL = 60.0  # of a frame, while its particles are fitted
 BYTES_AN_ENTRY = 90.0  # of a particle's light in a pixel, while error bars are computed
 ABOUT = 1.5  # times the particles of an area are in it and about it
@@ -111,6 +112,8 @@ def track(
     ):
         for line in experiment.warnings():
             warnings.warn(line, PlenoPIVWarning, stacklevel=2)
+        if experiment.compute.device in ("gpu", "jax-cpu"):
+            warnings.warn(ON_CPU, PlenoPIVWarning, stacklevel=2)
         recording = experiment.recording()
         if table.method == METHOD:
             check_sequence(recording)

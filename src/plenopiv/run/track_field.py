@@ -14,12 +14,12 @@ from plenopiv.experiment.tracking_table import TrackingTable
 from plenopiv.tracking.frame import FrameParticles
 from plenopiv.tracking.links import Links
 from plenopiv.tracking.parts import field_on_grid
-from plenopiv.velocity import velocity_dataset
+from plenopiv.velocity import OF_TRACKS, velocity_dataset
 
 if TYPE_CHECKING:
     import xarray
 
-OF_TRACKS = "no windows and no outliers replaced: the same as without _raw"
+RAW = "no windows and no outliers replaced: the same as without _raw"
 STD = "scatter of fits to tracks with errors of their size, and flow that they do not resolve, by tracks held out"
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ def velocity_of_tracks(
         "source": "PlenoPIV, particles from raw pixels, B-splines through their links",
         "links": len(position),
         "nodes_mm": found.step_mm,
-        "divergence_free": int(table.divergence_free),
+        OF_TRACKS: int(table.divergence_free),
         "smoothing": list(found.smoothing),
         "error_scale": list(found.scale),
         "links_left_out": found.left_out,
@@ -83,7 +83,7 @@ def velocity_of_tracks(
         out[f"{name}_std"].attrs["comment"] = STD
         out[name].attrs["long_name"] = f"velocity along {'xyz'['uvw'.index(name)]}"
         out[f"{name}_raw"].attrs["long_name"] = f"velocity along {'xyz'['uvw'.index(name)]}"
-        out[f"{name}_raw"].attrs["comment"] = OF_TRACKS
+        out[f"{name}_raw"].attrs["comment"] = RAW
     out["valid"].attrs |= {"long_name": "tracks nearby or none", "flag_meanings": "extrapolated measured"}
     return out
 

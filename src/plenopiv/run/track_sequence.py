@@ -150,7 +150,7 @@ class SequenceJob:
                 taken = taken_or_lost(self.tracker.recording, number, take)
             if isinstance(taken, LostFrame):
                 self.volume = None
-                return taken, [], [*said, *taken.warned], 0
+                return taken, [], list(taken.warned), 0
             found, tracks = taken, self._linked(taken, record)
             self.volume, dark = (number, taken.volume), taken.dark
         self.unused = max(int(tracks.max(initial=-1)) + 1, self.unused)

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.displacement.settings import CorrelationSettings
-from plenopiv.velocity import q_criterion, velocity_gradient, vorticity
+from plenopiv.velocity import of_tracks, q_criterion, velocity_gradient, vorticity
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,7 +38,8 @@ _INSIDE = 9  # windows along each axis in which the correlation is computed: non
 
 def velocity_gradients(field: xr.Dataset, settings: CorrelationSettings | None = None) -> xr.Dataset:
     """du_dx, du_dy, ... dw_dz, vorticity_x, vorticity_y, vorticity_z, divergence in 1/s and q in 1/s^2, on (z, y, x),
-    each with its standard deviation ``<name>_std`` where the field has those of the velocity.
+    each with its standard deviation ``<name>_std`` where the field has those of the velocity, and is one of windows: of
+    tracks errors of neighbours are correlated otherwise (``tracking.field.TrackField.gradient`` has derivatives).
 
     ``field``: one time, u, v, w and (may be left out) u_std, v_std, w_std in m/s on coordinates in mm. ``settings``:
     those that it was measured with, for the correlation of neighbouring errors; None: the defaults.
@@ -50,7 +51,7 @@ def velocity_gradients(field: xr.Dataset, settings: CorrelationSettings | None =
 
     g = velocity_gradient(field)
     correlation = neighbour_correlation(settings or CorrelationSettings())
-    known = all(f"{name}_std" in field for name in "uvw")
+    known = all(f"{name}_std" in field for name in "uvw") and not of_tracks(field)
     std = np.zeros(g.shape[1:])
     if known:
         std = np.stack([field[f"{name}_std"].transpose(*DIMS).values.astype(float) for name in "uvw"])

@@ -9,7 +9,9 @@ skewness; here the moments of the samples themselves are used, up to the sixth.
 Measurement uncertainty: random errors of vectors are part of their scatter, and so of every sampling uncertainty. The
 share of the mean's that is theirs is sqrt(<std^2>/n); they raise normal stresses by <std^2>, which is stated beside
 them and taken off in ``*_corrected`` (Sciacchitano & Wieneke 2016, PIV uncertainty propagation, Meas. Sci. Technol. 27
-084006). Errors of different components are taken as independent: shear stresses are not corrected.
+084006). Not of fields of tracks: their std is flow that is not resolved, for the most part, which is missing from
+stresses rather than added to them. Errors of different components are taken as independent: shear stresses are not
+corrected.
 
 Standard deviations are one sigma: a 95 % interval is +- 1.96 of them, where n/T is some tens or more.
 """
@@ -26,6 +28,7 @@ from plenopiv.statistics.convergence import Convergence
 from plenopiv.statistics.correlated import Spacing, TimeCorrelation
 from plenopiv.statistics.moments import FEWEST, PAIRS, Moments
 from plenopiv.statistics.variables import DIMS, NAMES, dataset
+from plenopiv.velocity import of_tracks
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,7 +66,8 @@ class SeriesStatistics:
         shape = tuple(one.sizes[axis] for axis in DIMS)
         self.moments, self.time = Moments(shape), TimeCorrelation(shape, lags)
         self.convergence = Convergence(self.coordinates)
-        self._noise = np.zeros((3, *shape))
+        self.noise_known = not of_tracks(like)
+        self._noise, self._told = np.zeros((3, *shape)), np.zeros((3, *shape), np.int32)
 
     def add(self, field: xr.Dataset) -> None:
         """The next field in time. One without a vector that counts (a pair set aside) is left out, but is a step in
@@ -85,9 +89,11 @@ class SeriesStatistics:
         self.fields += 1
         self.left_out += not counted.any()
         std = np.stack([one[f"{name}_std"].values for name in NAMES]).astype(float)
-        self._noise += np.where(counted & np.isfinite(std), std, 0.0) ** 2
+        told = counted & np.isfinite(std)
+        self._noise += np.where(told, std, 0.0) ** 2
+        self._told += told
         self.moments.add(values, counted)
-        self.time.add(values, counted, self.moments.mean)
+        self.time.add(values, counted)
         if counted.any():
             self.convergence.add(self.fields - self.left_out, self.moments)
 
@@ -107,7 +113,9 @@ class SeriesStatistics:
         spacing = self.time.spacing(n)
         found: dict[str, NDArray] = {"samples": n.astype(np.int32)}
         for c, name in enumerate(NAMES):
-            variance, noise = moments.covariance(c, c), self._noise[c] / n
+            variance, noise = moments.covariance(c, c), self._noise[c] / self._told[c]
+            if not self.noise_known:
+                noise = np.full_like(noise, np.nan)
             of_variance = _std_of_mean_product(moments, spacing, c, c)
             found[f"{name}_mean"] = np.where(n > 0, moments.mean[c], np.nan)
             left = np.maximum(n - spacing(c), 0.25 * n)  # (n - 1)/(n - T): deviations from the mean are too small

@@ -43,7 +43,7 @@ def trajectories(frames: Sequence[SeenFrame]) -> Trajectories:
     alone = np.concatenate([one.particles.position_mm for one in frames]).reshape(-1, 3)
     own = np.concatenate([one.particles.covariance for one in frames]).reshape(-1, 4, 4)
     mean, covariance = np.full((len(alone), 9), np.nan), np.full((len(alone), 9, 9), np.nan)
-    mean[:, :3], covariance[:, :3, :3] = alone, own[:, :3, :3]
+    mean[:, :3], covariance[:, :3, :3] = alone, own[:, :3, :3] * np.outer(motion.noise, motion.noise)
     for which in _groups(every):
         some = every.of(which)
         begin, frames_of_all = some.first, int((some.last - some.first).max()) + 1
