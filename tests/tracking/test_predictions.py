@@ -1,10 +1,13 @@
 """Tracks predicted, followed, lost and found again: particles whose paths are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from paths import FAR, STD_MM, as_seen, parabolas, seen_frames
 
 from plenopiv.tracking.follow import followed
+from plenopiv.tracking.frame import FrameParticles
 from plenopiv.tracking.predict import LOST, predicted
 from plenopiv.tracking.sightings import SeenFrame
 
@@ -98,6 +101,25 @@ def test_a_particle_far_from_where_it_was_predicted_is_another_one():
     assert out.track[4] == 1000
     assert np.delete(out.track, 4).tolist() == [k for k in range(60) if k != 4]
     assert out.kept == 59
+
+
+@pytest.mark.parametrize("ratio", [0.25, 1.0, 3.0])
+def test_how_far_is_measured_without_the_pull_of_the_prediction(ratio):
+    """Pixels have a particle 4 or 6 standard deviations off, of both together; the fit is between them and the
+    prediction, which is ``ratio`` times as uncertain as pixels are."""
+    *_, path = parabolas(60)
+    by = predicted(seen_frames(path, 6, 60), 6, FAR)
+    by = replace(by, covariance=np.broadcast_to(np.diag((ratio * STD_MM) ** 2), (60, 3, 3)))
+    off = np.zeros((60, 3))
+    off[7, 0], off[8, 0] = np.array([4.0, 6.0]) * STD_MM[0] * np.sqrt(1 + ratio**2)
+    share, covariance = ratio**2 / (1 + ratio**2), np.zeros((60, 4, 4))
+    covariance[:, range(3), range(3)], covariance[:, 3, 3] = share * STD_MM**2, 1.0
+    information = np.broadcast_to(np.diag(1 / STD_MM**2), (60, 3, 3))
+    pull = share * off / (ratio * STD_MM) ** 2
+    place = by.position_mm + share * off
+    found = FrameParticles(place, by.light, covariance, np.ones(60), 1.0, information, pull)
+    track = followed(found, np.arange(60), by, 60).track
+    assert np.flatnonzero(track != by.track).tolist() == [8]
 
 
 def test_a_particle_of_another_light_is_another_one():

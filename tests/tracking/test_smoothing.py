@@ -207,6 +207,30 @@ def test_a_wrong_position_does_not_draw_its_track_along():
     assert np.abs(off / STD_MM).max() < 4
 
 
+@pytest.mark.parametrize("noise", [np.ones(3), np.array([1.0, 1.0, 1.6])])
+def test_what_pixels_say_is_one_thing_whatever_prediction_pulled_at_it(noise):
+    """The same places of pixels, one of them wrong, as they are and as a fit with a prediction has them."""
+    rng = np.random.default_rng(12)
+    jerk, still = np.full(3, 3e-5), np.full(3, 3.0)
+    motion = Motion(jerk, still, np.full(3, 0.05), np.full(3, 0.003), noise)
+    std, frames, number = np.array([2e-3, 2e-3, 8e-3]), 20, 200
+    turn = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.0], [0.5, 0.0, 1.0]])  # x and z are told together
+    information = np.broadcast_to(np.linalg.inv(turn * std[:, None] * std), (number, frames, 3, 3))
+    true = np.arange(frames)[:, None] * np.array([0.05, 0.02, 0.01])
+    place = true + rng.multivariate_normal(np.zeros(3), turn * std[:, None] * std, (number, frames))
+    place[:, 10, 0] += 10 * std[0]
+    expected = true + 1.2 * std * rng.standard_normal((number, frames, 3))
+    of_prediction = np.eye(3) / (1.2 * std) ** 2
+    slope = (information @ place[..., None])[..., 0] + expected @ of_prediction
+    fitted = np.linalg.solve(information + of_prediction, slope[..., None])[..., 0]
+    pull = (fitted - expected) @ of_prediction
+    alone = smoothed(Sightings(place, information, np.zeros_like(place)), motion)
+    pulled = smoothed(Sightings(fitted, information, pull), motion)
+    assert pulled.mean == pytest.approx(alone.mean, abs=5e-6)
+    off = (alone.mean[:, 10, :3] - true[10]).mean(0) / np.sqrt(np.einsum("nii->ni", alone.covariance[:, 10]))[0, :3]
+    assert (np.abs(off) < 1.0).all()
+
+
 def test_short_tracks():
     """Without a track no velocity, of few frames no acceleration; two frames' velocity is their difference."""
     *_, path = parabolas(80)

@@ -9,7 +9,7 @@ are where a lost one may have come to go on with its track.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from plenopiv.tracking.frame import FrameParticles
 from plenopiv.tracking.links import GATE, LIGHT_STD, cheapest
 from plenopiv.tracking.predict import Predicted
+from plenopiv.tracking.smoothing import of_pixels
 
 FEWEST = 0.5  # of the particles predicted: fewer found, and the prediction was wrong
 LIGHT_OF_A_TRACK = 0.1  # relative standard deviation of the light predicted
@@ -39,11 +40,12 @@ def followed(found: FrameParticles, origin: Int, by: Predicted, unused: int) -> 
     """The tracks of the particles ``found`` in a frame that began at those predicted, ``origin`` (n,), -1 for new ones.
     Numbers from ``unused`` on are those of new tracks."""
     track = np.full(len(found.light), -1, np.int64)
-    ratio = _ratio(found, origin, by)
+    ratio, fitted = _ratio(found, origin, by), found.position_mm
+    found = _by_pixels(found)
     own = np.flatnonzero(origin >= 0)
     own = own[_cost(found, own, by, origin[own], ratio) < GATE]
     track[own] = by.track[origin[own]]
-    off = np.abs(found.position_mm[own] - by.position_mm[origin[own]])
+    off = np.abs(fitted[own] - by.position_mm[origin[own]])
     lost = np.setdiff1d(np.arange(len(by.track)), origin[own])
     new = np.flatnonzero(track < 0)
     if len(lost) and len(new):
@@ -54,6 +56,15 @@ def followed(found: FrameParticles, origin: Int, by: Predicted, unused: int) -> 
     fresh = track < 0
     track[fresh] = unused + np.arange(fresh.sum())
     return Followed(track, kept, np.quantile(off, 0.683, 0) if len(off) else np.zeros(3))
+
+
+def _by_pixels(found: FrameParticles) -> FrameParticles:
+    """The particles where pixels alone have them: the prediction that they began at has pulled them towards it."""
+    if found.information is None or found.pull is None:
+        return found
+    place, covariance = found.position_mm, found.covariance.copy()
+    place, covariance[:, :3, :3] = of_pixels(place, found.information, found.pull)
+    return replace(found, position_mm=place, covariance=covariance)
 
 
 def _ratio(found: FrameParticles, origin: Int, by: Predicted) -> float:

@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 
 from plenopiv.tracking.cut_off import Runs, entries_of
 from plenopiv.tracking.frame import FrameParticles
-from plenopiv.tracking.smoothing import Sightings
-
-UNKNOWN_MM = 1e3  # standard deviation of what no pixel tells
+from plenopiv.tracking.smoothing import Sightings, of_pixels
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -74,8 +72,7 @@ class Together:
 
     def runs(self) -> Runs:
         """The positions that pixels alone tell, and their variances along each axis."""
-        covariance = np.linalg.inv(self.information + np.eye(3) / UNKNOWN_MM**2)
-        alone = self.position_mm + np.einsum("nij,nj->ni", covariance, self.pull)
+        alone, covariance = of_pixels(self.position_mm, self.information, self.pull, 0.0)
         return Runs(self.start, self.frame, alone, np.einsum("nii->ni", covariance).copy())
 
 

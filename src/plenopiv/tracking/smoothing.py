@@ -29,6 +29,8 @@ SIZE = 3 * ORDERS
 SOMEWHERE_MM = 1.0  # standard deviation of a position before it is seen
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # of a quadrature over a frame
 WIDE = 3.0  # times the spread of all particles' velocities and accelerations is that of one before it is seen
+UNKNOWN_MM = 1e3  # standard deviation of what no pixel tells
+LEAST_TOLD = 1e-6  # of all information, of a direction: there a fit that has not quite ended would name any place
 OUTLYING = 4.0  # standard deviations from its track from which on a frame's position counts less
 
 Array = NDArray[np.float64]
@@ -98,8 +100,29 @@ class Sightings:
         return Sightings(self.position_mm, weight[:, :, None, None] * self.information, weight[:, :, None] * self.pull)
 
     def scaled(self, noise: Array) -> Sightings:
-        """The same with standard deviations larger by factors (3,)."""
-        return Sightings(self.position_mm, self.information / noise[:, None] / noise, self.pull / noise**2)
+        """The same with standard deviations larger by factors (3,), about the positions that pixels alone tell."""
+        if (noise == 1.0).all():
+            return self
+        place, _ = of_pixels(self.position_mm, self.information, self.pull)
+        information = self.information / noise[:, None] / noise
+        return Sightings(self.position_mm, information, (information @ (place - self.position_mm)[..., None])[..., 0])
+
+    def misses(self, position_mm: Array) -> Array:
+        """chi^2 (n, T) of the positions that pixels alone tell, were particles at ``position_mm`` (n, T, 3)."""
+        place, _ = of_pixels(self.position_mm, self.information, self.pull)
+        off = place - position_mm
+        return np.asarray(np.einsum("nti,ntij,ntj->nt", off, self.information, off))
+
+
+def of_pixels(
+    position_mm: Array, information: Array, pull: Array, least_told: float = LEAST_TOLD
+) -> tuple[Array, Array]:
+    """Positions (..., 3) mm that pixels alone tell, and their covariance (..., 3, 3) mm^2, of estimates that a prior
+    has pulled (``FrameParticles``). Where they tell a direction next to nothing of, less than ``least_told`` of all, the
+    estimate stays as it is."""
+    least = np.maximum(least_told * np.einsum("...ii->...", information), 1.0 / UNKNOWN_MM**2)
+    covariance = np.asarray(np.linalg.inv(information + least[..., None, None] * np.eye(3)), np.float64)
+    return position_mm + (covariance @ pull[..., None])[..., 0], covariance
 
 
 @dataclass(frozen=True)
@@ -165,9 +188,7 @@ def smoothed(seen: Sightings, motion: Motion, passes: int = 3) -> States:
         before, after = filtered(seen.weighted(weight), first, start, motion)
         found = _backward(before, after, motion)
         if turn + 1 < passes:
-            off = seen.position_mm - found.mean[:, :, :3]
-            chi2 = np.einsum("nti,ntij,ntj->nt", off, seen.information, off)
-            weight = np.minimum(OUTLYING**2 / np.maximum(chi2, 1e-30), 1.0)
+            weight = np.minimum(OUTLYING**2 / np.maximum(seen.misses(found.mean[:, :, :3]), 1e-30), 1.0)
     return found
 
 
