@@ -45,7 +45,7 @@ DECISIONS = {
     "correlation": 76,
     "tracking": 80,
     "links": 82,
-    "smoothing": 83,
+    "smoothing": 90,
     "fields": 81,
     "statistics": 89,
     "device": 60,

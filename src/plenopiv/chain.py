@@ -167,6 +167,8 @@ class Chain:
         plenoptic = [camera for camera in self.cameras if isinstance(camera, PlenopticCamera)]
         pinholes = [camera for camera in self.cameras if isinstance(camera, PinholeCamera)]
         if pinholes and not plenoptic:
+            if any(masked is not None for masked in self.unusable):
+                raise PlenoPIVError("unusable: pinhole cameras have no masks; set such pixels to their black level")
             return PinholeProjector(pinholes, grid)
         masks = self.unusable or (None,) * len(plenoptic)
         if pinholes or not len(plenoptic) == len(self.poses) == len(masks):

@@ -1,5 +1,6 @@
 """From images of a dot board to the camera that took them."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -234,3 +235,20 @@ def test_points_in_one_plane_do_not_fix_a_camera():
     points = np.random.default_rng(0).uniform(-10, 10, (50, 3)) * (1, 1, 0)
     with pytest.raises(PlenoPIVError, match="all in one plane"):
         fit_pinhole(points, placed().project(points), SENSOR)
+
+
+@pytest.mark.parametrize(("half", "warned"), [(5.0, True), (15.0, False)])
+def test_a_board_that_leaves_most_of_the_image_out_is_warned_of(half, warned):
+    """Dots of noise .02 px all fit within that, while the images' corners are missed by more than a pixel."""
+    sensor = Sensor(512, 512, 0.0055, 12, 0)
+    camera = looking_at((0, 0, 0), sensor, scale_mm_px=0.074, distance_mm=600, about_y_deg=20, about_x_deg=10)
+    side = np.arange(-half, half + 0.1, 1.25)
+    dots = np.array([(x, y, z) for z in DEPTHS for y in side for x in side])
+    pixels = camera.project(dots) + np.random.default_rng(0).normal(0, 0.014, (len(dots), 2))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        fit = fit_pinhole(dots, pixels, sensor)
+    assert fit.rms_px < 0.03
+    said = [str(one.message) for one in caught]
+    assert any("% of the way to the sensor's corners" in one for one in said) == warned
+    assert (worst_px(fit, camera) > 1.0) == warned

@@ -186,6 +186,8 @@ def test_cameras_that_do_not_go_together():
             _ = replace(plenoptic, cameras=cameras, poses=poses).projection
     with pytest.raises(PlenoPIVError, match="this takes one plenoptic camera"):
         _ = pinholes.camera
+    with pytest.raises(PlenoPIVError, match="unusable: pinhole cameras have no masks"):
+        _ = replace(pinholes, unusable=(np.ones((4, 4), bool), *(None for _ in pinholes.cameras[1:]))).projection
 
 
 def test_methods_of_other_cameras():

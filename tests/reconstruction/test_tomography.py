@@ -11,6 +11,7 @@ from oracles.tomography import SCALE_MM_PX, cubes, four_cameras
 
 from plenopiv.accuracy import exact_volume, ghost_light, intensity_centre_mm, reconstruction_quality
 from plenopiv.calibration.pinhole_fit import calibrate_pinhole
+from plenopiv.cameras.pinhole import looking_at
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError
@@ -21,6 +22,7 @@ from plenopiv.reconstruction.noise import Noise
 from plenopiv.reconstruction.reconstruct import reconstruct
 from plenopiv.reconstruction.settings import TOMOGRAPHY
 from plenopiv.reconstruction.tiles import cut
+from plenopiv.sensor import Sensor
 from plenopiv.simulation.board import board_image
 from plenopiv.simulation.particles import Particles
 from plenopiv.simulation.pinhole_images import pinhole_image
@@ -250,6 +252,31 @@ def test_equations_of_a_tile_have_no_light_from_other_rows(low, high):
     assert (light[tile.seen] == 0).all()
     whole = projector.forward(np.arange(4), projector.visible_voxels())
     assert (tile.seen & (whole > 0)).any(1).all()  # some of each camera
+
+
+def test_no_voxel_at_the_border_of_a_tile_is_without_a_camera():
+    """Cameras tilted about x, a deep volume: each camera's lines of sight lean one way."""
+    sensor = Sensor(96, 96, 0.0055, 12, 0)
+    tilts = ((20, 20), (-20, 20), (20, -20), (-20, -20))
+    cameras = [
+        looking_at((0, 0, 0), sensor, scale_mm_px=SCALE_MM_PX, distance_mm=600, about_y_deg=a, about_x_deg=b)
+        for a, b in tilts
+    ]
+    grid = cubes(12, 60, 24)
+    projector = PinholeProjector(cameras, grid)
+    first, second = cut(60, 2, projector.passage)
+    tile = projector.tile(first.low, first.high)
+    x, y, z = grid.axes()
+    for plane in (z[0], z[12], z[-1]):
+        column, row = projector_pixels(cameras, np.array([x[6], y[first.end - 1], plane]))
+        at = np.rint(row).astype(int) * sensor.columns + np.rint(column).astype(int)
+        assert tile.seen[np.arange(4), at].all()
+    assert second.high == 60
+
+
+def projector_pixels(cameras, place):
+    """Columns and rows (2, cameras) of a place (3,) in the images of the cameras."""
+    return np.array([camera.project(place) for camera in cameras]).T
 
 
 def test_tiles_of_pinhole_cameras_are_the_whole():

@@ -99,6 +99,21 @@ def test_a_run_that_was_ended_goes_on_with_new_numbers(tmp_path, monkeypatch, la
     assert min(tracks[12]) > max(tracks[2])
 
 
+def test_a_lost_frame_is_not_said_to_be_tracked_anew(tmp_path, monkeypatch):
+    """That it is not where it was predicted is said of a frame that is reconstructed instead."""
+    monkeypatch.setattr(Sequence, "_followed", lambda self, number, record: (None, [f"{number} is tracked anew"]))
+    said, store = [], SeriesFolder.store
+
+    def stored(folder, content, files):
+        said.extend(content["warnings"])
+        return store(folder, content, files)
+
+    monkeypatch.setattr(SeriesFolder, "store", stored)
+    tracked(tmp_path / "a", monkeypatch, 4, lost={2})
+    assert "1 is tracked anew" in said
+    assert not any(line.startswith("2 is") for line in said)
+
+
 def test_pairs_that_were_made_after_other_frames_are_made_again(tmp_path, monkeypatch):
     """A lost frame is there again, and the run that makes the pairs from there on anew is ended."""
     at = tmp_path / "a"

@@ -23,6 +23,7 @@ from plenopiv.sensor import Sensor
 
 FEWEST_POINTS = 12
 POOR_PX = 0.1  # RMS that is worth a warning; noisy boards have 0.02
+REACH = 0.6  # of the corners' distance, of the outermost dot: at .5 the corners miss by .1 px, at .4 by more than one
 WRONG_PX = 2.0  # RMS of what is no pinhole camera of these dots
 REMEDY = "check the dots' pitch in mm, the z of each image in mm, and that the board moved along z alone"
 
@@ -50,11 +51,11 @@ def calibrate_pinhole(
     Raises PlenoPIVError, naming camera and plane, for images without a board, of another size than the sensor's, for
     fewer than two depths, and for a depth or a pitch that cannot be.
     """
-    depths = np.asarray(z_mm, float)
+    depths = np.asarray(z_mm, float).ravel()
     if not 0 < pitch_mm < np.inf:
         raise PlenoPIVError(f"{name}: pitch_mm = {pitch_mm:g} is no distance of dots; give a positive number of mm")
     if not np.isfinite(depths).all():
-        said = ", ".join(f"{z:g}" for z in depths.ravel())
+        said = ", ".join(f"{z:g}" for z in depths)
         raise PlenoPIVError(f"{name}: z_mm = {said} are not all depths of a board; give a number of mm for each image")
     if len(images) != depths.size:
         raise PlenoPIVError(f"{name}: {len(images)} board images for {depths.size} depths; give one z for each image")
@@ -78,7 +79,8 @@ def fit_pinhole(
     """The camera that images ``points_mm`` (n, 3) nearest to ``pixels`` (n, 2) as (column, row), by least squares.
 
     Raises PlenoPIVError for fewer than 12 points, points in one plane, numbers that are not finite, depths of reversed
-    sign, and where no such camera fits to 2 px. Warns (``PlenoPIVWarning``) where none fits to 0.1 px.
+    sign, and where no such camera fits to 2 px. Warns (``PlenoPIVWarning``) where none fits to 0.1 px, and where
+    dots leave most of the sensor out.
     """
     from scipy.optimize import least_squares
 
@@ -111,7 +113,21 @@ def fit_pinhole(
         if fit.rms_px > WRONG_PX:
             raise PlenoPIVError(said)
         warnings.warn(said, PlenoPIVWarning, stacklevel=2)
+    reach = _reach(fit.camera, pixels)
+    if reach < REACH:
+        warnings.warn(
+            f"{name}: dots reach {100 * reach:.0f} % of the way to the sensor's corners, and distortion beyond them is "
+            "not known: particles there may be missed by more than a pixel; use a board that fills the images",
+            PlenoPIVWarning,
+            stacklevel=2,
+        )
     return fit
+
+
+def _reach(camera: PinholeCamera, pixels: NDArray[np.float64]) -> float:
+    """How far from the sensor's middle the outermost of ``pixels`` (n, 2) is, as a share of the corners' distance."""
+    half = 0.5 * np.array([camera.sensor.columns, camera.sensor.rows])
+    return float(np.hypot(*(pixels - half).T).max() / np.hypot(*half))
 
 
 def _camera(parameters: NDArray, sensor: Sensor) -> PinholeCamera:

@@ -56,7 +56,8 @@ class Projection(Protocol):
 
     @property
     def passage(self) -> int:
-        """Rows of voxels that the light of one pixel crosses between the first plane and the last, at the most."""
+        """Rows of voxels over which the light of the pixels that see a voxel spreads between the first plane and the
+        last, at the most, where it is in the middle: half of them are a tile's margin on either side."""
 
     def tile(self, low: int, high: int) -> Projection:
         """The same cameras with rows low <= j < high of the voxels alone; ``seen`` only where a pixel's light comes

@@ -1,9 +1,9 @@
 """A volume in tiles, one after the other, where the list of its voxels would take more memory than there is.
 
 Tiles are cut along y. Each is reconstructed with a margin of rows on both sides, which is then left out: half of what
-the light of a pixel crosses from the first plane to the last. Pixels that see more than tile and margin are no
-equations of it, as part of their light is of other voxels; of a tile's own voxels, those at its border lack them far
-from the middle of the depth.
+the light of a plenoptic camera's pixel crosses from the first plane to the last, all that a line of sight of a pinhole
+camera crosses. Pixels that see more than tile and margin are no equations of it, as part of their light is of other
+voxels; of a tile's own voxels, those at its border lack some of a plenoptic camera far from the middle of the depth.
 """
 
 from __future__ import annotations

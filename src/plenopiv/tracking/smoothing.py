@@ -118,8 +118,8 @@ def of_pixels(
     position_mm: Array, information: Array, pull: Array, least_told: float = LEAST_TOLD
 ) -> tuple[Array, Array]:
     """Positions (..., 3) mm that pixels alone tell, and their covariance (..., 3, 3) mm^2, of estimates that a prior
-    has pulled (``FrameParticles``). Where they tell a direction next to nothing of, less than ``least_told`` of all, the
-    estimate stays as it is."""
+    has pulled (``FrameParticles``). The estimate stays in a direction of which they tell less than ``least_told`` of
+    all."""
     least = np.maximum(least_told * np.einsum("...ii->...", information), 1.0 / UNKNOWN_MM**2)
     covariance = np.asarray(np.linalg.inv(information + least[..., None, None] * np.eye(3)), np.float64)
     return position_mm + (covariance @ pull[..., None])[..., 0], covariance

@@ -155,10 +155,11 @@ class PinholeProjector:
 
     @property
     def passage(self) -> int:
-        """Rows of voxels that one line of sight crosses between the first plane and the last, at the most, with a
-        footprint's width."""
+        """Twice the rows of voxels that one line of sight crosses between the first plane and the last, at the most,
+        with a footprint's width. Lines of sight of a camera all lean one way: with a margin of half of them, voxels at
+        the border of a tile would be without whole cameras."""
         crossed = max(float(np.ptp(rows, axis=0).max()) for rows in map(self._ray_rows, range(self.views)))
-        return ceil(crossed + 2 * self._half_width)
+        return ceil(2 * (crossed + self._half_width))
 
     def tile(self, low: int, high: int) -> PinholeProjector:
         """The same cameras with rows low <= j < high of the voxels; ``seen`` only where a line of sight crosses no
