@@ -1,7 +1,5 @@
 """Predicted and measured times of the runs of docs/accuracy.md:  scaling.py SCORES RECORDINGS [--fit]
 
-Predictions are those that each run made itself, for the machine as it was at that moment.
-
 SCORES: the scores.jsonl of benchmarks/accuracy/run_conditions.py; RECORDINGS: the folder of its recordings. Writes
 scaling.json beside this file, docs/images/scaling.png, and prints a table; --fit also prints the costs that fit best.
 """
@@ -75,11 +73,10 @@ def main() -> None:
     print("| run | voxels, millions | frame, s | predicted | pair, s | predicted | all, ratio |")
     print("|---|---:|---:|---:|---:|---:|---:|")
     for (name, (experiment, summary)), frame, pair in zip(runs.items(), frames, pairs, strict=True):
-        guess, whole = predicted(experiment), summary["time_estimate_s"]
-        now = whole / guess.run(len(summary["frames"]))  # times the constants' seconds, as the run found the machine
-        measured = sum(summary["timings_s"].values())
-        found[name] = summary["voxels"], frame, now * guess.frame, pair, now * guess.pair, measured, whole
-        cells = summary["voxels"] / 1e6, frame, now * guess.frame, pair, now * guess.pair
+        guess = predicted(experiment)
+        whole, measured = guess.run(len(summary["frames"])), sum(summary["timings_s"].values())
+        found[name] = summary["voxels"], frame, guess.frame, pair, guess.pair, measured, whole
+        cells = summary["voxels"] / 1e6, frame, guess.frame, pair, guess.pair
         print(f"| {name} | {' | '.join(f'{cell:.1f}' for cell in cells)} | {whole / measured:.2f} |")
     draw(found)
     (HERE / "scaling.json").write_text(json.dumps(found, indent=1) + "\n")

@@ -141,13 +141,7 @@ def scaling(found: dict[str, Any]) -> str:
     header = (
         "run | voxels, millions | a frame, s | predicted | a pair, s | predicted | whole run, predicted over measured"
     )
-    about = (
-        "Predictions are those that each run made before it began, for the machine as a tenth of a second's trial "
-        "found it: about half as fast\nas that of the tables above, now more, now less, as other work ran beside. "
-        "What a trial cannot see is what comes later, and how many voxels\nare candidates: of `pmr8` two thirds, "
-        "so that a frame took twice as long as predicted."
-    )
-    return f"{about}\n\n![predicted over measured seconds](images/scaling.png)\n\n{table(header, rows)}"
+    return "![predicted over measured seconds](images/scaling.png)\n\n" + table(header, rows)
 
 
 PARTS = {
