@@ -94,7 +94,8 @@ def test_half_a_file_no_text_and_no_file(file):
     with pytest.raises(PlenoPIVError, match=f"calibration.toml: .*{AGAIN}$"):
         load_calibration(file)
     file.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(PlenoPIVError, match=f"calibration.toml: is not a text file in UTF-8; .*: {AGAIN}$"):
+    way_out = "name a text file, or save it as UTF-8"
+    with pytest.raises(PlenoPIVError, match=f"calibration.toml: is not a text file in UTF-8; {way_out}: {AGAIN}$"):
         load_calibration(file)
     with pytest.raises(PlenoPIVError, match=f"none.toml: cannot be read .*: {AGAIN}$"):
         load_calibration(file.with_name("none.toml"))

@@ -114,12 +114,12 @@ def _jet() -> GriddedVelocity:
 
 
 def _check_place(at_mm: Vector, speed: float) -> None:
-    if not isinstance(at_mm, tuple) or len(at_mm) != 3 or not all(map(_in_range, at_mm)):
+    if not isinstance(at_mm, tuple) or len(at_mm) != 3 or not all(map(in_range, at_mm)):
         raise PlenoPIVError(f"flow: at_mm = {at_mm!r:.60}; give x, y, z in mm")
-    if not _in_range(speed):
+    if not in_range(speed):
         raise PlenoPIVError(f"flow: speed = {speed!r:.60}; give a finite factor on the velocities")
 
 
-def _in_range(value: object) -> bool:
+def in_range(value: object) -> bool:
     """Whether it is a number that a length, or a factor, may be."""
     return isinstance(value, Real) and not isinstance(value, bool) and abs(float(value)) <= LARGEST

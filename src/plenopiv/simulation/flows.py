@@ -11,14 +11,13 @@ import difflib
 from collections.abc import Callable
 from dataclasses import MISSING, asdict, dataclass, fields
 from math import pi
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.simulation.flow_file import LARGEST, FlowFile, Jet
+from plenopiv.simulation.flow_file import LARGEST, FlowFile, Jet, in_range
 
 Vector = tuple[float, float, float]
 Velocity = Callable[[NDArray], NDArray]
@@ -42,17 +41,13 @@ def _checked(velocity: Velocity) -> None:
     for each in fields(velocity):  # type: ignore[arg-type]
         value, said = getattr(velocity, each.name), f"flow: '{name}': {each.name}"
         if each.type == "Vector":
-            if not isinstance(value, tuple | list | np.ndarray) or len(value) != 3 or not all(map(_is_number, value)):
+            if not isinstance(value, tuple | list | np.ndarray) or len(value) != 3 or not all(map(in_range, value)):
                 raise PlenoPIVError(f"{said} = {value!r:.60}; give three numbers up to {LARGEST:g}, along x, y and z")
         elif each.type == "float":
-            if not _is_number(value):
+            if not in_range(value):
                 raise PlenoPIVError(f"{said} = {value!r:.60}; give a number up to {LARGEST:g}")
             if each.name in POSITIVE and not value >= SMALLEST:
                 raise PlenoPIVError(f"{said} = {value!r:.60}; give a length above 0")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and abs(float(value)) <= LARGEST
 
 
 @dataclass(frozen=True)

@@ -107,12 +107,6 @@ class Sightings:
         information = self.information / noise[:, None] / noise
         return Sightings(self.position_mm, information, (information @ (place - self.position_mm)[..., None])[..., 0])
 
-    def misses(self, position_mm: Array) -> Array:
-        """chi^2 (n, T) of the positions that pixels alone tell, were particles at ``position_mm`` (n, T, 3)."""
-        place, _ = of_pixels(self.position_mm, self.information, self.pull)
-        off = place - position_mm
-        return np.asarray(np.einsum("nti,ntij,ntj->nt", off, self.information, off))
-
 
 def of_pixels(
     position_mm: Array, information: Array, pull: Array, least_told: float = LEAST_TOLD
@@ -183,12 +177,15 @@ def smoothed(seen: Sightings, motion: Motion, passes: int = 3) -> States:
     where the other frames have them count less in each further one of ``passes``."""
     seen = seen.scaled(motion.noise)
     start, first = at_rest(seen.position_mm[:, 0], motion), np.zeros(len(seen.position_mm), np.int64)
+    place, _ = of_pixels(seen.position_mm, seen.information, seen.pull)
     weight = np.ones(seen.position_mm.shape[:2])
     for turn in range(passes):
         before, after = filtered(seen.weighted(weight), first, start, motion)
         found = _backward(before, after, motion)
         if turn + 1 < passes:
-            weight = np.minimum(OUTLYING**2 / np.maximum(seen.misses(found.mean[:, :, :3]), 1e-30), 1.0)
+            off = place - found.mean[:, :, :3]
+            chi2 = np.einsum("nti,ntij,ntj->nt", off, seen.information, off)
+            weight = np.minimum(OUTLYING**2 / np.maximum(chi2, 1e-30), 1.0)
     return found
 
 
