@@ -2,6 +2,9 @@
 
 SCORES: the scores.jsonl of benchmarks/accuracy/run_conditions.py; RECORDINGS: the folder of its recordings. Writes
 scaling.json beside this file, docs/images/scaling.png, and prints a table; --fit also prints the costs that fit best.
+
+Times are those of the machine of docs/speed.md: what was measured times the median of the speeds that the runs found as
+each began. Runs are made one after the other on a machine that nobody else uses.
 """
 
 from __future__ import annotations
@@ -19,13 +22,14 @@ from plenopiv.experiment import Experiment
 from plenopiv.run import duration
 
 HERE = Path(__file__).parent
-COSTS = ("READ", "TRACE", "VOXEL", "WINDOW")
+COSTS = ("READ", "TRACE", "DECODE", "WINDOW", "VECTORS")
 
 
 def predicted(experiment: Experiment) -> duration.TimeEstimate:
     """As the run itself says."""
-    settings = experiment.reconstruction.settings(), experiment.correlation.settings()
-    return duration.of_settings(experiment.camera(), experiment.grid(), *settings, numba.get_num_threads())
+    camera = experiment.camera()
+    settings = experiment.reconstruction.settings().through(camera), experiment.correlation.settings()
+    return duration.of_settings(camera, experiment.grid(), *settings, numba.get_num_threads())
 
 
 def draw(found: dict[str, tuple[float, ...]]) -> None:
@@ -55,8 +59,9 @@ def main() -> None:
         line = json.loads(text)
         if "score" in line:
             runs[line["name"]] = Experiment.load(asked.recordings / line["name"] / "experiment.toml"), line["summary"]
-    frames = np.array([s["timings_s"]["reconstruction"] / len(s["frames"]) for _, s in runs.values()])
-    pairs = np.array([s["timings_s"]["correlation"] / (len(s["frames"]) - 1) for _, s in runs.values()])
+    speed = float(np.median([s["machine_speed"] for _, s in runs.values()]))
+    frames = speed * np.array([s["timings_s"]["reconstruction"] / len(s["frames"]) for _, s in runs.values()])
+    pairs = speed * np.array([s["timings_s"]["correlation"] / (len(s["frames"]) - 1) for _, s in runs.values()])
     if asked.fit:
 
         def misses(logarithms: np.ndarray) -> np.ndarray:
@@ -74,7 +79,7 @@ def main() -> None:
     print("|---|---:|---:|---:|---:|---:|---:|")
     for (name, (experiment, summary)), frame, pair in zip(runs.items(), frames, pairs, strict=True):
         guess = predicted(experiment)
-        whole, measured = guess.run(len(summary["frames"])), sum(summary["timings_s"].values())
+        whole, measured = guess.run(len(summary["frames"])), speed * sum(summary["timings_s"].values())
         found[name] = summary["voxels"], frame, guess.frame, pair, guess.pair, measured, whole
         cells = summary["voxels"] / 1e6, frame, guess.frame, pair, guess.pair
         print(f"| {name} | {' | '.join(f'{cell:.1f}' for cell in cells)} | {whole / measured:.2f} |")

@@ -141,9 +141,13 @@ def scaling(found: dict[str, Any]) -> str:
     header = (
         "run | voxels, millions | a frame, s | predicted | a pair, s | predicted | whole run, predicted over measured"
     )
-    return "![predicted over measured seconds](images/scaling.png)\n\n" + table(header, rows)
+    return f"{SPEEDS}\n\n![predicted over measured seconds](images/scaling.png)\n\n{table(header, rows)}"
 
 
+SPEEDS = (
+    "Runs of [Accuracy](accuracy.md) with default settings, on two cores. Measured times are multiplied with the speed "
+    "that the runs found the machine to have, so that they are those of a machine of speed 1."
+)
 PARTS = {
     "Reconstruction": ("reconstruction", reconstruction),
     "Peers that store their weights": ("peers", peers),

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -239,9 +240,8 @@ class Chain:
         """
         background = None
         if static is not None:
-            levels = [camera.sensor.black_level for camera in self.cameras]
-            behind = [light + np.float32(level) for light, level in zip(static, levels, strict=True)]
-            background = self.projection.values_of(behind)
+            levels = cycle(np.float32(each.sensor.black_level) for each in self.cameras)  # whatever number is given
+            background = self.projection.values_of([light + b for light, b in zip(static, levels, strict=False)])
         values = self.projection.values_of(images)
         more: dict[str, Any] = {"counts_per_electron": self.counts_per_electron, "background": background}
         more |= {"tiles": self.tiles, "name": name, "progress": progress}

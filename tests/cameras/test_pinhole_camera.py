@@ -141,11 +141,21 @@ def test_share_of_a_volume_that_is_seen():
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"scale_mm_px": 0}, "positive"), ({"distance_mm": -1}, "positive"), ({"about_x_deg": 90}, "from behind")],
+    [
+        ({"scale_mm_px": 0}, "positive"),
+        ({"scale_mm_px": float("inf")}, "positive"),
+        ({"distance_mm": -1}, "positive"),
+        ({"distance_mm": float("nan")}, "positive"),
+        ({"about_x_deg": 90}, "from behind"),
+        ({"about_y_deg": float("nan")}, "from behind"),
+        ({"centre_mm": (0, float("nan"), 0)}, "give x, y, z"),
+        ({"centre_mm": (0, 0)}, "give x, y, z"),
+    ],
 )
 def test_placements_that_make_no_sense(change, message):
+    given = {"centre_mm": (0, 0, 0), "scale_mm_px": 0.1, "distance_mm": 100.0} | change
     with pytest.raises(PlenoPIVError, match=message):
-        looking_at((0, 0, 0), SENSOR, **{"scale_mm_px": 0.1, "distance_mm": 100.0, **change})
+        looking_at(given.pop("centre_mm"), SENSOR, **given)
 
 
 def test_a_focal_length_is_positive():

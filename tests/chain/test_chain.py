@@ -240,3 +240,14 @@ def test_the_title_says_of_which_cameras(make, cameras):
     at, none = np.array([7.5]), np.zeros((3, 1, 1, 1))
     field = DisplacementField(at, at, at, none, none, none[0] == 0, none[0].astype(np.float32), none)
     assert make().dataset(field, 1e-3).attrs["title"] == f"Volumetric velocity from {cameras}"
+
+
+@pytest.mark.parametrize(
+    ("chain", "frames"), [(plenoptic_chain, plenoptic_frames), (tomographic_chain, tomographic_frames)]
+)
+def test_static_light_is_of_each_camera(chain, frames):
+    whole = chain()
+    images = frames(whole)[0]
+    for static in ([], [np.zeros_like(image) for image in [*images, images[0]]]):
+        with pytest.raises(PlenoPIVError, match="images"):
+            whole.reconstruct(images, static=static)

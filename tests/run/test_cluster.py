@@ -73,7 +73,7 @@ def files(folder):
     lines = found["manifest.jsonl"].decode().splitlines()
     records = [{k: v for k, v in json.loads(line).items() if k != "check"} for line in lines]
     summary = json.loads(found["summary.json"])
-    for key in ("timings_s", "peak_memory_gb", "memory_estimate_gb", "time_estimate_s"):
+    for key in ("timings_s", "peak_memory_gb", "memory_estimate_gb", "time_estimate_s", "machine_speed"):
         del summary[key]
     out = {name: content for name, content in found.items() if name not in VARYING}
     out["summary.json"] = summary

@@ -143,6 +143,11 @@ def test_pixels_of_other_cameras_are_refused(of_points, few, find):
         find(of_points, fewer, near, np.full(len(near), LIGHT), LIMITS)
 
 
+def test_what_is_left_of_other_cameras_is_refused(of_points):
+    with pytest.raises(PlenoPIVError, match="9 pixels are given"):
+        of_points.places(np.zeros(9), LIMITS)
+
+
 @pytest.mark.parametrize("together", [2000, 2], ids=["at once", "in areas, several at once"])
 def test_bits_do_not_depend_on_the_number_of_threads(monkeypatch, of_points, together):
     truth = seeded(0.15)

@@ -226,6 +226,12 @@ def test_brightness_is_one_number_or_one_of_each_camera(given):
     assert PinholeLights(CAMERAS, 0.7).brightness == (1.0,) * 4
 
 
+def test_pixels_of_other_cameras_are_refused():
+    lights = PinholeLights(CAMERAS, 0.7)
+    with pytest.raises(PlenoPIVError, match="9 pixels are given"):
+        lights.places(np.zeros(9), LIMITS)
+
+
 def test_points_behind_a_camera_are_refused():
     with pytest.raises(PlenoPIVError, match="camera 1"):
         PinholeLights(CAMERAS, 0.7)([(0.0, 0.0, 900.0)])

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, radians, sin
+from math import cos, inf, radians, sin
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -158,11 +158,14 @@ def looking_at(
     and after that about the one along y, right-handed: with a positive ``about_y_deg`` it stands to the right (x > 0),
     with a positive ``about_x_deg`` below (y < 0). Its rows stay level (parallel to the x-z plane).
 
-    Raises PlenoPIVError for a scale or a distance that is not positive, and for angles of 90 degrees or more.
+    Raises PlenoPIVError for a scale or a distance that is not positive, for angles of 90 degrees or more, and for a
+    centre that is not a place.
     """
-    if not (scale_mm_px > 0 and distance_mm > 0):
+    if np.shape(centre_mm) != (3,) or not np.isfinite(centre_mm).all():
+        raise PlenoPIVError(f"camera: it looks at {centre_mm}, give x, y, z in mm")
+    if not (0 < scale_mm_px < inf and 0 < distance_mm < inf):
         raise PlenoPIVError(f"camera: scale {scale_mm_px} mm/px at {distance_mm} mm, give positive numbers")
-    if max(abs(about_y_deg), abs(about_x_deg)) >= 90.0:
+    if not max(abs(about_y_deg), abs(about_x_deg)) < 90.0:
         raise PlenoPIVError(
             f"camera: turned by {about_y_deg} and {about_x_deg} degrees, it would see the volume from behind; "
             "give angles between -90 and 90"

@@ -17,13 +17,15 @@ from plenopiv.displacement.settings import CorrelationSettings, Pass
 from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.volume import VoxelGrid
 
-READ = 3.5e-9  # s, a pixel in a plane, forward and back in one iteration
-TRACE = 7.7e-10  # s, a pixel in a plane, in dense ray tracing
-VOXEL = 4.5e-7  # s, a voxel: ruled out, listed, or corrected in the first iteration
-EVERY_VOXEL = 1.0e-7  # s, a voxel in one iteration where all are candidates
-WINDOW = 2.0e-8  # s, a voxel of a window in one pass
+READ = 8.1e-9  # s, a pixel that a voxel is seen by, forward and back in one iteration
+TRACE = 1.9e-8  # s, the same in dense ray tracing
+EVERY_VOXEL = 8.0e-7  # s, a voxel where all are candidates, until most are left out
+DECODE = 1.2e-6  # s, a pixel of an image
+WINDOW = 1.4e-8  # s, a voxel of a window in one pass
+VECTORS = 1.1  # s, of a pair, whatever its windows
 RESAMPLED = 1.7e-8  # s, a voxel of the laboratory's grid, for a volume of which 6 % are listed
-START = 7.5  # s, calibration, libraries, report with its figures
+START = 5.5  # s, calibration, libraries, report with its figures
+OPEN = 6.5e-7  # s, a pixel of the sensor: images that are checked, and stand in the report
 TOLD = 1.5  # ratio of speeds from which on it is told
 
 
@@ -76,11 +78,18 @@ def estimate(
 ) -> TimeEstimate:
     """Estimate the time of a run. ``lens``: the grid of lens space, where vectors are measured on another ``grid``."""
     pair = correlation_s(grid, passes) + 2 * resampling_s(grid, lens)
-    grid = lens or grid
-    pixels = camera.microlenses * pi * camera.aperture_radius_px**2 * grid.shape[0]  # as often as there are planes
-    frame = iterations * READ * pixels + VOXEL * grid.size
-    frame += iterations * EVERY_VOXEL * grid.size if every_voxel else TRACE * pixels
-    return TimeEstimate(frame / threads, pair / threads)
+    grid, sensor = lens or grid, camera.sensor.rows * camera.sensor.columns
+    seen = grid.size * pixels_of_voxel(camera, grid)
+    frame = iterations * READ * seen + DECODE * sensor
+    frame += EVERY_VOXEL * grid.size if every_voxel else TRACE * seen
+    return TimeEstimate(frame / threads, pair / threads, START + OPEN * sensor)
+
+
+def pixels_of_voxel(camera: PlenopticCamera, grid: VoxelGrid) -> float:
+    """How many pixels look at a voxel, as its plane is shared out among those of all microlenses."""
+    pitch = camera.lattice.pitch_mm / camera.main_lens.magnification
+    microlenses = grid.voxel_mm[0] * grid.voxel_mm[1] / (pitch**2 * camera.lattice.row_spacing)
+    return microlenses * pi * camera.aperture_radius_px**2
 
 
 def resampling_s(grid: VoxelGrid, lens: VoxelGrid | None) -> float:
@@ -93,7 +102,7 @@ def correlation_s(grid: VoxelGrid, passes: Iterable[Pass]) -> float:
     from plenopiv.displacement.transforms import fast_length
     from plenopiv.displacement.windows import step_of
 
-    pair = 0.0
+    pair = VECTORS
     for window, overlap in passes:
         along = zip(grid.shape[::-1], window, strict=True)
         count = prod(max(1, (total - n) // step_of(n, overlap) + 1) for total, n in along)

@@ -1,6 +1,6 @@
 """What this machine, as it is now, makes of an estimated time: its present speed, and kernels that are not compiled.
 
-Speed: each thread multiplies and adds numbers for a twelfth of a second, all of them at once, as a run does; so a busy
+Speed: each thread multiplies and adds numbers for a quarter of a second, all of them at once, as a run does; so a busy
 or a throttled machine shows, and a faster one. One thread alone does it for compilation, which has but one. Measured on
 a machine four to seven times as slow as usual, as others used it: 67 and 108 s told, 82 and 99 s taken.
 
@@ -29,7 +29,7 @@ from plenopiv.kernels.store import DAY_S, KEPT_DAYS, folder
 from plenopiv.run.plan import Plan
 from plenopiv.run.versions import versions
 
-PROBE_S = 0.08  # twice where kernels have to be compiled
+PROBE_S = 0.25  # twice where kernels have to be compiled; .08 s found .4 to .75 where .25 find .62 to .70
 VALID_S = 60.0  # a measured speed is not measured again
 NUMBERS = 1 << 17  # of an array: three of them fit the second-level cache
 REFERENCE = 14000.0  # rounds a second of a thread where the constants of ``duration`` hold; from runs beside them

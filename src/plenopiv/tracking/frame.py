@@ -12,7 +12,7 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking.areas import in_order
 from plenopiv.tracking.covariance import NEIGHBOURS as MOST_NEIGHBOURS
 from plenopiv.tracking.evidence import doubtful, errors_of, present, without_evidence
-from plenopiv.tracking.light import LightOfPoints, Lights
+from plenopiv.tracking.light import LightOfPoints, Lights, check_number
 from plenopiv.tracking.pixels import Pixels, lit_by, with_noise
 from plenopiv.tracking.refine import Effort, Fit, Prior, add_light, first_light, refine
 from plenopiv.tracking.splits import crowded, near_any, splits
@@ -116,11 +116,7 @@ def particles_of_second_frame(
 
 def check_pixels(of_points: LightOfPoints, pixels: Pixels) -> None:
     """Raise PlenoPIVError where ``pixels`` are not those of the cameras."""
-    if len(pixels.counts) != of_points.frame_pixels:
-        raise PlenoPIVError(
-            f"tracking: {len(pixels.counts)} pixels are given, the cameras have {of_points.frame_pixels}; give the "
-            "image of each camera, in their order"
-        )
+    check_number(len(pixels.counts), of_points.frame_pixels)
 
 
 def _begun(of_points: LightOfPoints, pixels: Pixels, position_mm: Array, light: Array) -> tuple[Array, Array]:

@@ -145,7 +145,18 @@ class LightOfPoints(Protocol):
 
         ``excess`` (pixels,): standard deviations by which each pixel is brighter than the known particles make it; NaN
         where it cannot be used. ``poor``: share of what is needed that a first look must show.
+
+        Raises PlenoPIVError where ``excess`` has another number of pixels than the cameras.
         """
+
+
+def check_number(pixels: int, of_cameras: int) -> None:
+    """Raise PlenoPIVError where so many ``pixels`` are given and the cameras have another number."""
+    if pixels != of_cameras:
+        raise PlenoPIVError(
+            f"tracking: {pixels} pixels are given, the cameras have {of_cameras}; give the image of each camera, in "
+            "their order"
+        )
 
 
 def prior_std_mm(camera: PlenopticCamera) -> Array:
@@ -215,6 +226,7 @@ class PointLights:
 
     def places(self, excess: Array, limits_mm: Limits, poor: float = POOR) -> tuple[Array, Array]:
         """See ``LightOfPoints`` and ``search``."""
+        check_number(len(excess), self.frame_pixels)
         return places_of_light(self.camera, self.constants, excess, limits_mm, poor)
 
     def __call__(self, position_mm: ArrayLike) -> Lights:

@@ -17,7 +17,7 @@ from scipy.special import erf
 
 from plenopiv.cameras.pinhole import PinholeCamera
 from plenopiv.errors import PlenoPIVError
-from plenopiv.tracking.light import Lights
+from plenopiv.tracking.light import Lights, check_number
 from plenopiv.tracking.pinhole_search import LEAST, crossings
 from plenopiv.tracking.pixels import Pixels
 from plenopiv.volume import Limits
@@ -138,7 +138,11 @@ class PinholeLights:
         return crossings(self.cameras, self.images(excess), self.image_px, limits_mm, LEAST)
 
     def images(self, values: Array) -> list[Array]:
-        """Numbers of all pixels (pixels,) as an image (rows, columns) of each camera."""
+        """Numbers of all pixels (pixels,) as an image (rows, columns) of each camera.
+
+        Raises PlenoPIVError where they are not as many as the cameras'.
+        """
+        check_number(len(values), self.frame_pixels)
         return [
             values[lo:hi].reshape(camera.sensor.rows, camera.sensor.columns)
             for lo, hi, camera in zip(self.first, self.first[1:], self.cameras, strict=False)
