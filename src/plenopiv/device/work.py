@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import log2, prod
 
 from plenopiv.displacement.depth_response import sample_of
-from plenopiv.displacement.offset_kernels import MOVES
+from plenopiv.displacement.offset_kernels import BESIDE, MOVES
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.transforms import fast_length
 from plenopiv.displacement.windows import window_grid
@@ -24,7 +24,8 @@ WINDOW = 42.0  # floats that a voxel of a window reads and writes: cut, weighted
 SCATTER = 52.0  # the same for what its blocks add to the peak: two transforms, seven products and their sums
 SAMPLE = 64 * 5.0 + 100  # operations of a voxel sampled by the spline: 64 products, sums and places; weights
 DEFORMED = 40.0  # floats that it reads and writes: displacement, places and weights; neighbours come from a cache
-SPREAD_OFFSET = 30.0  # floats that a voxel of a window reads and writes for the seven sums of discrete offset
+OFFSET = 4.3  # floats that a voxel of a window reads and writes for a second window beside the first of discrete offset
+OFFSET_OPERATIONS = 7.0  # the same, operations
 TRIED = 1.5  # steps of MOVES + 1 that an average window takes
 
 
@@ -88,4 +89,5 @@ def windows(size: Shape, count: int, layers: int, voxels: int, scatter: bool) ->
 
 def offset(size: Shape, count: int, layers: int) -> Work:
     """Discrete offset of so many windows."""
-    return Work(FLOAT * SPREAD_OFFSET * TRIED * count * prod(size), TRIED * count * prod(size) * 50, layers * MOVES)
+    sums = TRIED * BESIDE * count * prod(size)
+    return Work(FLOAT * OFFSET * sums, OFFSET_OPERATIONS * sums, layers * MOVES)
