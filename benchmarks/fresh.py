@@ -45,7 +45,7 @@ DECISIONS = {
     "correlation": 76,
     "tracking": 80,
     "links": 82,
-    "smoothing": 90,
+    "smoothing": 91,
     "fields": 81,
     "statistics": 89,
     "device": 60,

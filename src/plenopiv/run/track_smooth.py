@@ -59,6 +59,7 @@ class SmoothSequence:
             "jerk_m_s3": (motion.jerk * 1e-3 / dt_s**3).tolist(),
             "jerk_memory_s": (motion.memory * dt_s).tolist(),
             "error_scale": motion.noise.tolist(),
+            "outlying_tracks": self.found.outlying,
         }
         return out
 

@@ -89,7 +89,7 @@ def link(
         noise = np.einsum("nii->ni", first.covariance[found.a] + second.covariance[found.b])[:, :3]
         spread = (np.quantile(own, COVERED, 0) / COVERED_STD) ** 2 - np.median(noise, 0)
         scatter = np.sqrt(np.maximum(spread, 0.0) + 1e-12)
-        local = _around(first.position_mm, found.a, own**2 - noise, scatter)
+        local = scatter_around(first.position_mm, found.a, own**2 - noise, scatter)
     return found
 
 
@@ -108,7 +108,7 @@ def predicted_displacements(position_mm: Array, displacement_mm: Predictor) -> A
     return predicted
 
 
-def _around(position: Array, linked: Int, beyond: Array, scatter: Array) -> Array:
+def scatter_around(position: Array, linked: Int, beyond: Array, scatter: Array) -> Array:
     """Scatter (n, 3) about each particle at ``position`` (n, 3): of those of its neighbours that are ``linked`` (k,),
     whose departures have the squares ``beyond`` (k, 3) beyond errors, at least half of all particles' ``scatter``."""
     _, near = cKDTree(position[linked]).query(position, min(NEIGHBOURS, len(linked)))

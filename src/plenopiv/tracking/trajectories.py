@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.tracking.cut_off import motion_of
+from plenopiv.tracking.outlying_tracks import outlying
 from plenopiv.tracking.sightings import SeenFrame, Together, together
 from plenopiv.tracking.smoothing import Motion, smoothed
 
@@ -23,10 +24,11 @@ Int = NDArray[np.int64]
 class Trajectories:
     """The particles of several frames, one after the other, on smooth tracks.
 
-    ``frame`` and ``track`` (m,), the latter -1 for a particle that is seen in one frame alone; ``mean`` (m, 9): x, y, z
-    in mm, velocity in mm per frame, acceleration in mm per frame^2, and their ``covariance`` (m, 9, 9); NaN where there
-    is none: velocities of particles without a track, accelerations of those seen in fewer than ``LEAST_FRAMES``.
-    ``motion``: what was learnt of all.
+    ``frame`` and ``track`` (m,), the latter -1 for a particle that is seen in one frame alone, or on a short track that
+    its neighbours do not let expect (``outlying_tracks``); ``mean`` (m, 9): x, y, z in mm, velocity in mm per frame,
+    acceleration in mm per frame^2, and their ``covariance`` (m, 9, 9); NaN where there is none: velocities of particles
+    without a track, accelerations of those seen in fewer than ``LEAST_FRAMES``. ``motion``: what was learnt of all;
+    ``outlying``: how many tracks were left out as their neighbours do not let expect them.
     """
 
     frame: Int
@@ -34,6 +36,7 @@ class Trajectories:
     mean: Array
     covariance: Array
     motion: Motion
+    outlying: int = 0
 
 
 def trajectories(frames: Sequence[SeenFrame]) -> Trajectories:
@@ -43,7 +46,8 @@ def trajectories(frames: Sequence[SeenFrame]) -> Trajectories:
     alone = np.concatenate([one.particles.position_mm for one in frames]).reshape(-1, 3)
     own = np.concatenate([one.particles.covariance for one in frames]).reshape(-1, 4, 4)
     mean, covariance = np.full((len(alone), 9), np.nan), np.full((len(alone), 9, 9), np.nan)
-    mean[:, :3], covariance[:, :3, :3] = alone, own[:, :3, :3] * np.outer(motion.noise, motion.noise)
+    of_frames = own[:, :3, :3] * np.outer(motion.noise, motion.noise)
+    mean[:, :3], covariance[:, :3, :3] = alone, of_frames
     for which in _groups(every):
         some = every.of(which)
         begin, frames_of_all = some.first, int((some.last - some.first).max()) + 1
@@ -55,7 +59,11 @@ def trajectories(frames: Sequence[SeenFrame]) -> Trajectories:
     frame = np.repeat([one.number for one in frames], [len(one.track) for one in frames]).astype(np.int64)
     track = np.full(len(frame), -1, np.int64)
     track[every.origin] = np.where(np.repeat(every.length, every.length) > 1, every.track, -1)
-    return Trajectories(frame, _from_zero(track), mean, covariance, motion)
+    stray = outlying(frame, track, mean, covariance)
+    left_out = len(np.unique(track[stray]))
+    track[stray], mean[stray, :3], mean[stray, 3:], covariance[stray] = -1, alone[stray], np.nan, np.nan
+    covariance[stray, :3, :3] = of_frames[stray]
+    return Trajectories(frame, _from_zero(track), mean, covariance, motion, left_out)
 
 
 def between(found: Trajectories, first: int) -> tuple[Array, Array, Array]:
