@@ -32,7 +32,7 @@ PAIRS, KILLS = 20, 20
 PAIRS_OF_SPEED, REPEATS = 200, 1
 BETWEEN_S = 6.0, 14.0  # kills
 VARYING = ("summary.json", "report.html", "manifest.jsonl")
-TIMES = ("timings_s", "peak_memory_gb", "memory_estimate_gb", "time_estimate_s")
+TIMES = ("timings_s", "peak_memory_gb", "memory_estimate_gb", "time_estimate_s", "machine_speed")
 COMMAND = [sys.executable, "-c", "import sys; from plenopiv.cli import main; sys.exit(main(sys.argv[1:]))", "run", "-q"]
 ONE, TWO = ["--workers", "1", "--threads", "1"], ["--workers", "2", "--threads", "1"]
 

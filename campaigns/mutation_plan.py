@@ -69,8 +69,8 @@ NAMED = [
     (
         "predicted time divided by ten",
         "run/duration.py",
-        "TimeEstimate(frame / threads, pair / threads)",
-        "TimeEstimate(frame / threads / 10, pair / threads / 10)",
+        "TimeEstimate(frame / threads, pair / threads, START",
+        "TimeEstimate(frame / threads / 10, pair / threads / 10, START",
     ),
 ]
 

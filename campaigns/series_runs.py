@@ -24,7 +24,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 SEED = 26
-TIMES = {"time_estimate_s", "timings_s", "peak_memory_gb", "memory_estimate_gb"}  # of summary.json
+TIMES = {"time_estimate_s", "machine_speed", "timings_s", "peak_memory_gb", "memory_estimate_gb"}  # of summary.json
 OWN_LINES = {"report.html", "summary.json"}  # of the manifest, which hash what has times
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "TIFFFILE_NUM_THREADS")
 

@@ -22,7 +22,7 @@ from plenopiv.experiment import Experiment
 from plenopiv.run import duration
 
 HERE = Path(__file__).parent
-COSTS = ("READ", "TRACE", "DECODE", "WINDOW", "VECTORS")
+COSTS = ("READ", "TRACE", "DECODE", "WINDOW", "FIRST_PAIR")
 
 
 def predicted(experiment: Experiment) -> duration.TimeEstimate:
@@ -69,7 +69,8 @@ def main() -> None:
                 setattr(duration, name, value)
             found = [predicted(e) for e, _ in runs.values()]
             return np.log(
-                np.array([f.frame for f in found] + [f.pair for f in found]) / np.concatenate([frames, pairs])
+                np.array([f.frame for f in found] + [f.pair + duration.FIRST_PAIR for f in found])
+                / np.concatenate([frames, pairs])
             )
 
         fitted = least_squares(misses, np.log([getattr(duration, name) for name in COSTS]), loss="soft_l1", f_scale=0.1)
@@ -80,8 +81,9 @@ def main() -> None:
     for (name, (experiment, summary)), frame, pair in zip(runs.items(), frames, pairs, strict=True):
         guess = predicted(experiment)
         whole, measured = guess.run(len(summary["frames"])), speed * sum(summary["timings_s"].values())
-        found[name] = summary["voxels"], frame, guess.frame, pair, guess.pair, measured, whole
-        cells = summary["voxels"] / 1e6, frame, guess.frame, pair, guess.pair
+        first_pair = guess.pair + duration.FIRST_PAIR
+        found[name] = summary["voxels"], frame, guess.frame, pair, first_pair, measured, whole
+        cells = summary["voxels"] / 1e6, frame, guess.frame, pair, first_pair
         print(f"| {name} | {' | '.join(f'{cell:.1f}' for cell in cells)} | {whole / measured:.2f} |")
     draw(found)
     (HERE / "scaling.json").write_text(json.dumps(found, indent=1) + "\n")

@@ -145,8 +145,8 @@ def scaling(found: dict[str, Any]) -> str:
 
 
 SPEEDS = (
-    "Runs of [Accuracy](accuracy.md) with default settings, on two cores. Measured times are multiplied with the speed "
-    "that the runs found the machine to have, so that they are those of a machine of speed 1."
+    "Runs of [Accuracy](accuracy.md) with default settings, on two cores. Measured times are multiplied with the "
+    "median of the speeds that the runs found the machine to have, so that they are those of a machine of speed 1."
 )
 PARTS = {
     "Reconstruction": ("reconstruction", reconstruction),

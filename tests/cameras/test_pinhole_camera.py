@@ -148,6 +148,7 @@ def test_share_of_a_volume_that_is_seen():
         ({"distance_mm": float("nan")}, "positive"),
         ({"about_x_deg": 90}, "from behind"),
         ({"about_y_deg": float("nan")}, "from behind"),
+        ({"about_x_deg": float("nan")}, "from behind"),
         ({"centre_mm": (0, float("nan"), 0)}, "give x, y, z"),
         ({"centre_mm": (0, 0)}, "give x, y, z"),
     ],

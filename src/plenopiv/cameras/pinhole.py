@@ -165,7 +165,7 @@ def looking_at(
         raise PlenoPIVError(f"camera: it looks at {centre_mm}, give x, y, z in mm")
     if not (0 < scale_mm_px < inf and 0 < distance_mm < inf):
         raise PlenoPIVError(f"camera: scale {scale_mm_px} mm/px at {distance_mm} mm, give positive numbers")
-    if not max(abs(about_y_deg), abs(about_x_deg)) < 90.0:
+    if not (abs(about_y_deg) < 90.0 and abs(about_x_deg) < 90.0):
         raise PlenoPIVError(
             f"camera: turned by {about_y_deg} and {about_x_deg} degrees, it would see the volume from behind; "
             "give angles between -90 and 90"

@@ -1,6 +1,6 @@
 """How long a run will take, estimated before it starts, and how much of that is left.
 
-The constants are times of one core of the machine in docs/speed.md, fitted to the runs of docs/accuracy.md;
+The constants are times of one core of the machine in docs/speed.md, most fitted to the runs of docs/accuracy.md;
 benchmarks/speed/scaling.py has predicted beside measured times. Another machine, or an unusual density of particles,
 shows when the first frame is done: what is left is then scaled by the time that it took. Before, ``present`` measures
 how fast the machine is at the moment, and whether kernels are compiled.
@@ -22,9 +22,10 @@ TRACE = 1.9e-8  # s, the same in dense ray tracing
 EVERY_VOXEL = 8.0e-7  # s, a voxel where all are candidates, until most are left out
 DECODE = 1.2e-6  # s, a pixel of an image
 WINDOW = 1.4e-8  # s, a voxel of a window in one pass
-VECTORS = 1.1  # s, of a pair, whatever its windows
+VECTORS = 0.2  # s, of a pair, whatever its windows
 RESAMPLED = 1.7e-8  # s, a voxel of the laboratory's grid, for a volume of which 6 % are listed
 START = 5.5  # s, calibration, libraries, report with its figures
+FIRST_PAIR = 0.45  # s, of the first pair beyond what others take
 OPEN = 6.5e-7  # s, a pixel of the sensor: images that are checked, and stand in the report
 TOLD = 1.5  # ratio of speeds from which on it is told
 
@@ -33,14 +34,14 @@ TOLD = 1.5  # ratio of speeds from which on it is told
 class TimeEstimate:
     """Seconds of a frame's reconstruction, a pair's correlation, and all else; ``compiling``: of kernels, once.
 
-    ``speed``: of the machine when this was estimated, over that of the constants.
+    ``speed``: of the machine when this was estimated, over that of the constants; None where it was not measured.
     """
 
     frame: float
     pair: float
     start: float = START
     compiling: float = 0.0
-    speed: float = 1.0
+    speed: float | None = None
 
     def at_speed(self, speed: float, compiling: float = 0.0) -> TimeEstimate:
         """The same on a machine of another speed, which has kernels to compile for ``compiling`` seconds."""
@@ -61,7 +62,7 @@ class TimeEstimate:
         text = f"about {as_text(self.run(frames, pairs))}"
         if self.compiling >= 1.0:
             text += f", {self.compiling:.0f} s of it to compile kernels, once on this machine"
-        if abs(log(self.speed)) > log(TOLD):
+        if self.speed is not None and abs(log(self.speed)) > log(TOLD):
             text += f"; this machine has now {100 * self.speed:.0f} % of the speed of that in docs/speed.md"
         return text
 
@@ -82,7 +83,7 @@ def estimate(
     seen = grid.size * pixels_of_voxel(camera, grid)
     frame = iterations * READ * seen + DECODE * sensor
     frame += EVERY_VOXEL * grid.size if every_voxel else TRACE * seen
-    return TimeEstimate(frame / threads, pair / threads, START + OPEN * sensor)
+    return TimeEstimate(frame / threads, pair / threads, START + FIRST_PAIR + OPEN * sensor)
 
 
 def pixels_of_voxel(camera: PlenopticCamera, grid: VoxelGrid) -> float:

@@ -76,7 +76,7 @@ def summary_of(
         **({"device_memory_estimate_gb": plan.on_device / 1e9} if plan.on_device else {}),
         "warnings": list(warned),
         "time_estimate_s": round(plan.takes.run(len(frames), len(fields)), 1),
-        "machine_speed": round(plan.takes.speed, 3),
+        **({} if plan.takes.speed is None else {"machine_speed": round(plan.takes.speed, 3)}),
         "timings_s": clock.seconds,
         "peak_memory_gb": clock.peak_gb,
     }

@@ -1,10 +1,12 @@
 """Short tracks that no particle is likely to have made: their velocity departs from their neighbours'.
 
 Three places in three frames are always a parabola, so that a ghost and a particle, or two particles, may pass for one.
-A long track tells by itself that it is one particle. Those around a short one say how fast it should be: a linear fit
-through their velocities, as links of two frames have (``links.of_neighbours``), and how far particles here depart from
-such a fit. This is the test of outlying vectors of PIV for tracks (Duncan, Dabiri, Hove & Gharib 2010, Meas. Sci.
-Technol. 21, 057002), with the errors of both known.
+The tracks around say how fast it should be: a linear fit through their velocities, as links of two frames have
+(``links.of_neighbours``), and how far particles here depart from such fits. Of PIV's tests of outlying vectors it is a
+relative of that for unevenly spaced ones (Duncan, Dabiri, Hove & Gharib 2010, Meas. Sci. Technol. 21, 057002), with a
+slope, and errors that are known.
+
+Neighbours are tracks of all lengths: particles that are fast, or have just come in, are all on short ones.
 """
 
 from __future__ import annotations
@@ -14,8 +16,9 @@ from numpy.typing import NDArray
 
 from plenopiv.tracking.links import COVERED, COVERED_STD, NEIGHBOURS, of_neighbours, scatter_around
 
-LONG = 8  # frames that a track must be seen in to be judged by itself; of a shorter sequence all of them
-MOST = 25.0  # chi^2 of three velocities: normal ones exceed it once in 65,000
+LONG = 8  # frames from which on a track speaks for itself; of a shorter sequence all of them
+MOST = 36.0  # chi^2 of three velocities: six standard deviations along one, as flow is not linear between neighbours
+PASSES = 3  # in which those that were found are no neighbours
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -23,31 +26,35 @@ Int = NDArray[np.int64]
 
 def outlying(frame: Int, track: Int, mean: Array, covariance: Array) -> NDArray[np.bool_]:
     """Which sightings (m,) are of tracks that depart from their neighbours. ``frame`` and ``track`` (m,), the latter -1
-    without one; ``mean`` (m, 9) and ``covariance`` (m, 9, 9) as ``Trajectories``. A track is judged in the middle one
-    of its frames, and only where more than NEIGHBOURS long ones are seen."""
+    without one; ``mean`` (m, 9) and ``covariance`` (m, 9, 9) as ``Trajectories``. A track of fewer than LONG frames is
+    judged in each of them where more than NEIGHBOURS + 1 tracks are seen."""
     on_track = np.flatnonzero(track >= 0)
-    order = on_track[np.lexsort((frame[on_track], track[on_track]))]
-    _, start, length = np.unique(track[order], return_index=True, return_counts=True)
-    long = np.zeros(len(track), bool)
-    enough = length >= min(LONG, len(np.unique(frame)))
-    long[order] = np.repeat(enough, length)
-    middle = order[start + length // 2][~enough]
+    by_frame = on_track[np.argsort(frame[on_track], kind="stable")]
+    _, own, length = np.unique(track[on_track], return_inverse=True, return_counts=True)
+    asked = np.zeros(len(track), bool)
+    asked[on_track] = (length < min(LONG, len(np.unique(frame))))[own]
     out = np.zeros(len(track), bool)
-    for number in np.unique(frame[middle]):
-        asked = middle[frame[middle] == number]
-        around = np.flatnonzero(long & (frame == number))
-        if len(around) <= NEIGHBOURS + 1:
-            continue
-        both = np.concatenate([around, asked])
-        linked = np.arange(len(around))
-        velocity, variance = mean[both, 3:6], np.einsum("nii->ni", covariance[both])[:, 3:6]
-        off = velocity - of_neighbours(mean[both, :3], linked, velocity[linked])
-        beyond = off[linked] ** 2 - variance[linked]
-        usual = (np.quantile(np.abs(off[linked]), COVERED, 0) / COVERED_STD) ** 2 - np.median(variance[linked], 0)
-        scatter = scatter_around(mean[both, :3], linked, beyond, np.sqrt(np.maximum(usual, 0.0) + 1e-12))
-        own = covariance[asked, 3:6, 3:6].copy()
-        own[:, range(3), range(3)] += scatter[len(around) :] ** 2
-        left = off[len(around) :]
-        chi2 = np.einsum("ni,ni->n", left, np.linalg.solve(own, left[:, :, None])[:, :, 0])
-        out[asked] = chi2 > MOST
-    return np.asarray(np.isin(track, track[out]) & (track >= 0), np.bool_)
+    for _ in range(PASSES):
+        found = np.zeros(len(track), bool)
+        for some in np.split(by_frame, np.flatnonzero(np.diff(frame[by_frame])) + 1):
+            if asked[some].any():
+                found[some[asked[some]]] = _departing(mean[some], covariance[some], asked[some], ~out[some])
+        before, out = out, np.asarray(np.isin(track, track[found]) & (track >= 0), np.bool_)
+        if (out == before).all():
+            break
+    return out
+
+
+def _departing(mean: Array, covariance: Array, asked: NDArray[np.bool_], taken: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which of the particles ``asked`` of one frame depart from those ``taken`` as neighbours."""
+    linked, place, velocity = np.flatnonzero(taken), mean[:, :3], mean[:, 3:6]
+    if len(linked) <= NEIGHBOURS + 1:
+        return np.zeros(asked.sum(), bool)
+    off = velocity - of_neighbours(place, linked, velocity[linked])
+    variance = np.einsum("nii->ni", covariance[linked])[:, 3:6]
+    usual = (np.quantile(np.abs(off[linked]), COVERED, 0) / COVERED_STD) ** 2 - np.median(variance, 0)
+    usual = np.sqrt(np.maximum(usual, 0.0) + 1e-12)
+    scatter = scatter_around(place, linked, off[linked] ** 2 - variance, usual)[asked]
+    own, left = covariance[asked, 3:6, 3:6].copy(), off[asked]
+    own[:, range(3), range(3)] += scatter**2
+    return np.asarray(np.einsum("ni,ni->n", left, np.linalg.solve(own, left[:, :, None])[:, :, 0]) > MOST)
