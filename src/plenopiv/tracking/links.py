@@ -87,9 +87,7 @@ def link(
         departure = of_neighbours(first.position_mm, found.a, left)
         own = np.abs(left - departure[found.a])
         noise = np.einsum("nii->ni", first.covariance[found.a] + second.covariance[found.b])[:, :3]
-        spread = (np.quantile(own, COVERED, 0) / COVERED_STD) ** 2 - np.median(noise, 0)
-        scatter = np.sqrt(np.maximum(spread, 0.0) + 1e-12)
-        local = scatter_around(first.position_mm, found.a, own**2 - noise, scatter)
+        scatter, local = scatter_about(first.position_mm, found.a, own, noise)
     return found
 
 
@@ -108,12 +106,15 @@ def predicted_displacements(position_mm: Array, displacement_mm: Predictor) -> A
     return predicted
 
 
-def scatter_around(position: Array, linked: Int, beyond: Array, scatter: Array) -> Array:
-    """Scatter (n, 3) about each particle at ``position`` (n, 3): of those of its neighbours that are ``linked`` (k,),
-    whose departures have the squares ``beyond`` (k, 3) beyond errors, at least half of all particles' ``scatter``."""
+def scatter_about(position: Array, linked: Int, departure: Array, variance: Array) -> tuple[Array, Array]:
+    """Scatter beyond errors of particles that are ``linked`` (k,), of all (3,) and about each one at ``position``
+    (n, 3): of its linked neighbours, at least half of all. ``departure`` (k, 3): size of what was not expected;
+    ``variance`` (k, 3): of its errors."""
+    spread = (np.quantile(departure, COVERED, 0) / COVERED_STD) ** 2 - np.median(variance, 0)
+    scatter = np.sqrt(np.maximum(spread, 0.0) + 1e-12)
     _, near = cKDTree(position[linked]).query(position, min(NEIGHBOURS, len(linked)))
-    usual = np.quantile(beyond[near], LOCAL, 1) / LOCAL_STD**2
-    return np.asarray(np.sqrt(np.maximum(usual, (LEAST_LOCAL * scatter) ** 2)))
+    usual = np.quantile((departure**2 - variance)[near], LOCAL, 1) / LOCAL_STD**2
+    return scatter, np.sqrt(np.maximum(usual, (LEAST_LOCAL * scatter) ** 2))
 
 
 def _ratio_of_light(first: FrameParticles, second: FrameParticles) -> float:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.tracking.links import COVERED, COVERED_STD, NEIGHBOURS, of_neighbours, scatter_around
+from plenopiv.tracking.links import NEIGHBOURS, of_neighbours, scatter_about
 
 LONG = 8  # frames from which on a track speaks for itself; of a shorter sequence all of them
 MOST = 36.0  # chi^2 of three velocities: six standard deviations along one, as flow is not linear between neighbours
@@ -52,9 +52,7 @@ def _departing(mean: Array, covariance: Array, asked: NDArray[np.bool_], taken: 
         return np.zeros(asked.sum(), bool)
     off = velocity - of_neighbours(place, linked, velocity[linked])
     variance = np.einsum("nii->ni", covariance[linked])[:, 3:6]
-    usual = (np.quantile(np.abs(off[linked]), COVERED, 0) / COVERED_STD) ** 2 - np.median(variance, 0)
-    usual = np.sqrt(np.maximum(usual, 0.0) + 1e-12)
-    scatter = scatter_around(place, linked, off[linked] ** 2 - variance, usual)[asked]
+    _, scatter = scatter_about(place, linked, np.abs(off[linked]), variance)
     own, left = covariance[asked, 3:6, 3:6].copy(), off[asked]
-    own[:, range(3), range(3)] += scatter**2
+    own[:, range(3), range(3)] += scatter[asked] ** 2
     return np.asarray(np.einsum("ni,ni->n", left, np.linalg.solve(own, left[:, :, None])[:, :, 0]) > MOST)
