@@ -18,7 +18,7 @@ from plenopiv.reconstruction.settings import ReconstructionSettings
 from plenopiv.volume import VoxelGrid
 
 READ = 8.1e-9  # s, a pixel that a voxel is seen by, forward and back in one iteration
-TRACE = 1.9e-8  # s, the same in dense ray tracing
+TRACE = 2.2e-8  # s, the same in dense ray tracing
 EVERY_VOXEL = 8.0e-7  # s, a voxel where all are candidates, until most are left out
 DECODE = 1.2e-6  # s, a pixel of an image
 WINDOW = 1.4e-8  # s, a voxel of a window in one pass
