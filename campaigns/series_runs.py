@@ -332,6 +332,6 @@ def _without_times(name: str, text: str) -> object:
         lines = [json.loads(line) for line in text.splitlines()]
         return [line | {"sha256": "", "check": ""} if line.get("file") in OWN_LINES else line for line in lines]
     text = re.sub(r"<tr>(?:(?!</tr>).)*height=\"4\"(?:(?!</tr>).)*</tr>", "", text, flags=re.DOTALL)  # bars of stages
-    text = re.sub(r"<th>time_estimate_s</th><td>[^<]*", "", text)  # follows the machine's present speed
+    text = re.sub(r"<tr><th>(time_estimate_s|machine_speed)</th><td>[^<]*</td></tr>", "", text)  # as it is at present
     text = re.sub(r'(<p class="run">)[^<·]*/', r"\1", text)  # the folder of the experiment, another for each case
     return re.sub(r"\d+(\.\d+)? (s|min|h|GB)\b|\d{4}-\d\d-\d\d[ T]\d\d:\d\d(:\d\d)?", "", text)
