@@ -33,8 +33,8 @@ def test_a_particle_that_sheds_a_quarter_of_its_light_on_the_sensor_is_found(of_
     assert (np.abs(found[0] - place[0]) < (0.06, 0.06, 0.8)).all()
 
 
-def test_the_light_of_particles_beside_the_volume_makes_no_ghosts(of_points):
-    truth = seeded(0.4, limits=WIDE)
+def test_particles_are_found_beside_the_volume_so_that_none_is_lost_within(of_points):
+    truth = seeded(0.8, limits=WIDE)
     own = within(truth.position_mm, LIMITS)
     pixels = pixels_of(noisy(truth.position_mm, truth.electrons))
     start = truth.position_mm[own] + 0.3 * VOXEL_MM
@@ -47,9 +47,9 @@ def test_the_light_of_particles_beside_the_volume_makes_no_ghosts(of_points):
         missed.append((partner[own] < 0).mean())
         both = partner >= 0
         errors.append(np.std((found.position_mm[partner[both]] - truth.position_mm[both]) / VOXEL_MM, axis=0))
-    assert ghosts[1] < 0.5 * ghosts[0]
-    assert missed[1] <= missed[0]
-    assert (errors[1] < errors[0]).all()
+    assert ghosts[1] <= ghosts[0]
+    assert missed[1] < 0.3 * missed[0]
+    assert (errors[1] < 0.7 * np.array(errors[0])).all()
 
 
 def test_limits_reach_as_far_as_light_of_the_volume_spreads_in_the_focal_plane():

@@ -20,7 +20,7 @@ from plenopiv.tracking import soft_light_kernels as soft_kernels
 from plenopiv.tracking.bent_cells import SHIFT_POWERS
 from plenopiv.tracking.edge_integrals import EDGE, TAIL
 from plenopiv.tracking.light_kernels import LightConstants
-from plenopiv.tracking.search import POOR, places_of_light
+from plenopiv.tracking.search import places_of_light
 from plenopiv.tracking.soft_cells import LEAST, soft_cell, weights_of_sub_pixels
 from plenopiv.tracking.whole_cells import CellTables, cell_tables
 from plenopiv.volume import Limits
@@ -140,11 +140,11 @@ class LightOfPoints(Protocol):
     def __call__(self, position_mm: ArrayLike) -> Lights:
         """The light of points at ``position_mm`` (n, 3)."""
 
-    def places(self, excess: Array, limits_mm: Limits, poor: float = POOR) -> tuple[Array, Array]:
+    def places(self, excess: Array, limits_mm: Limits) -> tuple[Array, Array]:
         """Places (n, 3) in mm within ``limits_mm`` that may hold a particle more, and their scores (n,), best first.
 
         ``excess`` (pixels,): standard deviations by which each pixel is brighter than the known particles make it; NaN
-        where it cannot be used. ``poor``: share of what is needed that a first look must show.
+        where it cannot be used.
 
         Raises PlenoPIVError where ``excess`` has another number of pixels than the cameras.
         """
@@ -224,10 +224,10 @@ class PointLights:
         """How many pixels a frame has."""
         return self.camera.sensor.rows * self.camera.sensor.columns
 
-    def places(self, excess: Array, limits_mm: Limits, poor: float = POOR) -> tuple[Array, Array]:
+    def places(self, excess: Array, limits_mm: Limits) -> tuple[Array, Array]:
         """See ``LightOfPoints`` and ``search``."""
         check_number(len(excess), self.frame_pixels)
-        return places_of_light(self.camera, self.constants, excess, limits_mm, poor)
+        return places_of_light(self.camera, self.constants, self._centres, excess, limits_mm)
 
     def __call__(self, position_mm: ArrayLike) -> Lights:
         """The light of points at ``position_mm`` (n, 3), x, y, z in mm.

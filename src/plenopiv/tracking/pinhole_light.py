@@ -132,9 +132,9 @@ class PinholeLights:
         counts, pixel, share, gradient = (np.concatenate(each) for each in zip(self._none(), *parts, strict=True))
         return Lights(np.concatenate([[0], np.cumsum(counts)]), pixel, share, gradient, self.unit_mm)
 
-    def places(self, excess: Array, limits_mm: Limits, poor: float = 0.0) -> tuple[Array, Array]:
+    def places(self, excess: Array, limits_mm: Limits) -> tuple[Array, Array]:
         """Places (n, 3) in mm within ``limits_mm`` where lines of sight to bright spots of all cameras cross, and
-        their scores (n,), best first. ``excess`` (pixels,): as of ``LightOfPoints``; ``poor`` is not used."""
+        their scores (n,), best first. ``excess`` (pixels,): as of ``LightOfPoints``."""
         return crossings(self.cameras, self.images(excess), self.image_px, limits_mm, LEAST)
 
     def images(self, values: Array) -> list[Array]:

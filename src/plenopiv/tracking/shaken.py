@@ -23,7 +23,6 @@ PASSES = 3  # of steps and searches, at most
 MANY = 0.2  # share of particles found in a pass from which on another follows
 EFFORT = Effort(0.1, 0.04)  # of the last fit too: nothing follows it
 STEPS = 2  # Gauss-Newton iterations of the last fit
-POOR = 0.45  # share of the mean needed that the first rays of a place must show: new particles are not faint
 NOISE_OF = 40_000  # pixels that noise is measured on
 NEIGHBOURS = 12  # whose parameters are free in the error bars
 
@@ -62,7 +61,7 @@ def particles_of_prediction(
         pixels = with_noise(pixels, fit.image, NOISE_OF)
         residual, variance = residual_of(fit.image, pixels)
         excess = np.where(pixels.usable, residual / np.sqrt(variance), np.nan)
-        new, _ = of_points.places(excess, limits_mm, POOR)
+        new, _ = of_points.places(excess, limits_mm)
         if progress is not None:
             progress(done + 1, PASSES + 1)
         lights = fit.carried(np.arange(len(fit.light)), new)
