@@ -7,7 +7,7 @@ import pytest
 from particle_scenes import CAMERA, GAIN, LIMITS, noisy, pixels_of, seeded
 
 from plenopiv.threads import one_thread
-from plenopiv.tracking import steps
+from plenopiv.tracking import entry_kernels, steps
 from plenopiv.tracking.equations import normal_equations, own_equations
 from plenopiv.tracking.evidence import errors_of
 from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
@@ -135,13 +135,31 @@ def test_lists_of_other_points(scene):
     which = np.array([3, 0, 5])
     some = lights.of(which)
     joined = lights.with_others(which, some)
-    mixed = some.with_others(np.array([2, 0]), lights, np.array([1, *range(3, 2 + len(light))]))
     every, slopes = dense(lights, lights.share), dense(lights, lights.gradient[:, 2])
     assert (dense(some, some.share) == every[which]).all()
     assert (dense(joined, joined.share) == every[[*which, *which]]).all()
-    order = [which[2], 0, which[0], *range(1, len(light))]
-    assert (dense(mixed, mixed.gradient[:, 2]) == slopes[order]).all()
+    order = np.arange(len(light))
+    order[[1, 4, 6]] = which
+    roomy = lights.replaced(np.array([1, 4, 6]), some)
+    assert (dense(roomy, roomy.gradient[:, 2]) == slopes[order]).all()
+    assert roomy is not lights
+    assert (dense(lights, lights.share) == every).all()
+    assert roomy.replaced(np.array([1, 4, 6]), lights.of(np.array([1, 4, 6]))) is roomy  # there is room
+    assert (dense(roomy, roomy.gradient[:, 2]) == slopes).all()
+    assert (dense(roomy, roomy.share) == every).all()
+    none = roomy.replaced(np.array([2]), PointLights(CAMERA)(np.array([[9.0, 9.0, 1.0]])))  # beside the sensor
+    assert (dense(none, none.share)[2] == 0.0).all()
     assert lights.image(light, PIXELS) == pytest.approx(light @ every, rel=1e-9)
+
+
+def test_pixels_that_are_lit_are_numbered(scene):
+    lights = scene[0].of(np.array([3, 0, 5]))
+    lit, own = lights.of_lit()
+    assert (lit == np.unique(lights.pixel)).all()
+    assert (lit[own.pixel] == lights.pixel).all()
+    values, some = np.zeros(8), np.array([1, 4, 5, 9, 11, 12, 40, 41])
+    entry_kernels.add_where(np.array([0, 4, 6, 12, 41, 50]), np.arange(1.0, 7.0), some, values)
+    assert values.tolist() == [0.0, 2.0, 0.0, 0.0, 0.0, 4.0, 0.0, 5.0]
 
 
 def test_particles_at_rest_stay_and_the_others_come_to_the_same_places():

@@ -27,6 +27,7 @@ from plenopiv.volume import Limits
 
 WAVELENGTH_NM = 532.0  # of the lasers that particles are lit by
 SHIFT_PLACES = 31  # of the main lens, at which a point's shifts of rays are taken
+ROOM = 24, 12  # entries more than a point has that there is room for, where it moves: so many, and one of so many
 TOGETHER = 1000  # points whose shifts are taken at a time
 UNIT_MM = np.array([0.01, 0.01, 0.05])  # of the unknowns, so that all of a particle's information is of one order
 SHARPEST_PX = 0.05  # standard deviation of a boundary that nothing blurs: sharper ones would need more nodes
@@ -70,27 +71,32 @@ class Lights:
         """The pixels (k,) that any point lights, ascending, and the same lights in an image of these alone."""
         if not len(self.pixel):
             return np.empty(0, np.int64), self
-        first = self.pixel.min()
-        own = self.pixel - first
-        lit = np.zeros(int(own.max()) + 1, np.bool_)
-        lit[own] = True
-        number = np.cumsum(lit, dtype=np.int32)
-        return np.flatnonzero(lit) + int(first), replace(self, pixel=number[own] - np.int32(1))
+        first, last = int(self.pixel.min()), int(self.pixel.max())
+        number, own = np.zeros(last + 1 - first, np.int32), np.empty_like(self.pixel)
+        lit = np.empty(min(number.size, own.size), np.int64)
+        count = entry_kernels.number_lit(self.pixel, first, number, lit, own)
+        return lit[:count], replace(self, pixel=own)
 
     def of(self, which: NDArray[np.int64]) -> Lights:
         """The light of the points ``which`` alone."""
         return _taken(self, self, which)
 
-    def with_others(self, which: NDArray[np.int64], others: Lights, places: NDArray[np.int64] | None = None) -> Lights:
-        """The light of the points ``which`` and then of ``others``; or of both so mixed that the others have the
-        numbers ``places``, ascending, among all."""
+    def with_others(self, which: NDArray[np.int64], others: Lights) -> Lights:
+        """The light of the points ``which`` and then of ``others``."""
         source = np.concatenate([which, len(self.start) - 1 + np.arange(len(others.start) - 1)])
-        if places is not None:
-            mixed = np.empty_like(source)
-            mixed[places] = source[len(which) :]
-            mixed[np.setdiff1d(np.arange(len(source)), places, assume_unique=True)] = source[: len(which)]
-            source = mixed
         return _taken(self, others, source)
+
+    def replaced(self, places: NDArray[np.int64], others: Lights) -> Lights:
+        """The same, with the points ``places`` (k,) those of ``others``: changed in place where there is room for their
+        entries, or with some more room for each of them, entries without light."""
+        needed, room = np.diff(others.start), np.diff(self.start)
+        if (needed <= room[places]).all():
+            in_threads(entry_kernels.replace_entries, len(places), *_arrays(others), places, *_arrays(self))
+            return self
+        source = np.arange(len(room))
+        source[places] = len(room) + np.arange(len(places))
+        room[places] = np.maximum(room[places], needed + ROOM[0] + needed // ROOM[1])
+        return _taken(self, others, source, room)
 
     def shifted(self, which: NDArray[np.int64], by_mm: Array) -> Lights:
         """The same with the points ``which`` (k,) moved by small steps (k, 3) in mm, to first order."""
@@ -104,8 +110,8 @@ class Lights:
 
 
 def _taken(first: Lights, second: Lights, source: NDArray[np.int64], count: NDArray[np.int64] | None = None) -> Lights:
-    """The points ``source`` of those of ``first``, counted from 0, and of ``second``, counted on; of each the first
-    ``count`` (n,) entries, or all."""
+    """The points ``source`` of those of ``first``, counted from 0, and of ``second``, counted on, with room for
+    ``count`` (n,) entries of each, or as many as there are."""
     if count is None:
         count = np.concatenate([np.diff(first.start), np.diff(second.start)])[source]
     start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)

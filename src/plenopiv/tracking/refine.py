@@ -32,11 +32,11 @@ from scipy.sparse import bsr_array, csr_array
 from scipy.sparse.linalg import LinearOperator, cg
 
 from plenopiv.threads import each_in_threads, in_threads, one_thread
-from plenopiv.tracking import areas, normal_kernels
+from plenopiv.tracking import areas, entry_kernels, normal_kernels
 from plenopiv.tracking.equations import normal_equations, own_equations, with_information
 from plenopiv.tracking.light import LightOfPoints, Lights
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.steps import LEAST_KNOWN, step_of
+from plenopiv.tracking.steps import LEAST_KNOWN, PARTS, step_of
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -139,8 +139,8 @@ def refine(
     turn: int = 0,
 ) -> Fit:
     """Fit particles by ``iterations`` of Gauss-Newton, at most, from positions (n, 3) mm and light (n,) counts.
-    ``lights``: of the positions, and ``image``: counts of all particles in each pixel, where they are known; ``turn``:
-    how areas are cut."""
+    ``lights``: of the positions, and ``image``: counts of all particles in each pixel, where they are known; the first
+    may be changed; ``turn``: how areas are cut."""
     position, light = np.array(position_mm, np.float64), np.array(light, np.float64)
     if len(light) <= areas.TOGETHER:
         begin = position, light, prior, iterations, of_points(position) if lights is None else lights
@@ -183,14 +183,14 @@ def _of_area(
         own = of_points(position[area])
         before = lit, counts = _counts(own, -light[area])
 
-        numbers, of_own = np.append(lit, -1), np.append(counts, 0.0)  # searches beyond the last one end there
-
         def others(which: NDArray[np.int64]) -> Array:
-            at = np.searchsorted(lit, which)
-            return image[which] + np.where(numbers[at] == which, of_own[at], 0.0)
+            found = image[which]
+            entry_kernels.add_where(lit, counts, which, found)
+            return found
 
         begin = position[area], light[area], prior.of(area), iterations, own
-        place, brighter, moved, own = _stepped(of_points, pixels, *begin, others, effort)
+        parts = PARTS if alone else 1
+        place, brighter, moved, own = _stepped(of_points, pixels, *begin, others, effort, parts)
         return place, brighter, moved, [before, _counts(own, brighter)]
 
 
@@ -231,9 +231,11 @@ def _stepped(
     lights: Lights,
     others: Callable[[NDArray[np.int64]], Array],
     effort: Effort,
+    parts: int = PARTS,
 ) -> tuple[Array, Array, NDArray[np.bool_], Lights]:
     """Positions, light, which moved, and where light goes after ``iterations`` of all particles together, as
-    ``refine``. ``others``: counts of other particles, which stay where they are, in some pixels (k,)."""
+    ``refine``. ``lights`` may be changed; ``others``: counts of other particles, which stay where they are, in some
+    pixels (k,); ``parts``: of the particles, for threads."""
     position, light, unit = position_mm.copy(), light.copy(), lights.unit_mm
     of_priors = prior.information(unit)
     ever = np.zeros(len(light), bool)
@@ -250,7 +252,7 @@ def _stepped(
         if len(which) == 0:
             break
         ever[which] = True
-        step = step_of(of_lit, light, weight, which, own[which], of_priors[which], slope[which])
+        step = step_of(of_lit, light, weight, which, own[which], of_priors[which], slope[which], parts)
         del of_lit
         moved = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
         position[which] += unit * moved
@@ -261,10 +263,9 @@ def _stepped(
         if not far.all():
             lights = lights.shifted(which[~far], unit * moved[~far])
         if far.any():
-            anew, rests = which[far], np.delete(np.arange(len(light)), which[far])
+            anew = which[far]
             since[anew] = 0.0
-            lights = lights.of(rests)  # the rest is let go before it is made anew
-            lights = lights.with_others(np.arange(len(rests)), of_points(position[anew]), anew)
+            lights = lights.replaced(anew, of_points(position[anew]))
     return position, light, ever, lights
 
 

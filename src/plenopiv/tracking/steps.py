@@ -24,31 +24,38 @@ from plenopiv.tracking.light import Lights
 TOLERANCE, PRODUCTS = 0.01, 80  # of conjugate gradients
 DAMPING = 1e-3  # of each particle's own information (Levenberg-Marquardt)
 LEAST_KNOWN = 1e-12  # information added to a particle's, of whose light no pixel is used
-PARTS = 4  # of the particles, each summed by itself: bits do not depend on the number of threads
+PARTS = 4  # of the particles, where threads share them: bits do not depend on the number of threads
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 
 def step_of(
-    lights: Lights, light: Array, weight: Single, which: NDArray[np.int64], own: Array, information: Array, slope: Array
+    lights: Lights,
+    light: Array,
+    weight: Single,
+    which: NDArray[np.int64],
+    own: Array,
+    information: Array,
+    slope: Array,
+    parts: int = PARTS,
 ) -> Array:
     """The step (k, 4) of the particles ``which`` (k,) of all (n,), which others of them do not make. ``own`` (k, 4, 4):
     each one's own block; ``information`` (k, 3): the prior's; ``slope`` (k, 4): the right side; ``weight``: of each
-    pixel."""
+    pixel; ``parts``: of the particles, each summed by itself."""
     k, diagonal = len(which), np.einsum("nii->ni", own).copy()
     extra = DAMPING * diagonal + LEAST_KNOWN
     extra[:, :3] += information
     inverse = np.linalg.inv(own + extra[:, :, None] * np.eye(4))
     scale = np.concatenate([np.broadcast_to(lights.unit_mm, (k, 3)), np.ones((k, 1))], 1) * light[which, None]
-    bounds = np.array([k * part // PARTS for part in range(PARTS + 1)])
-    changes, changed = np.zeros((PARTS, len(weight)), np.float32), np.empty(len(weight), np.float32)
+    bounds = np.array([k * part // parts for part in range(parts + 1)])
+    changes, changed = np.zeros((parts, len(weight)), np.float32), np.empty(len(weight), np.float32)
     square, sums = weight * weight, np.empty((k, 4), np.float32)
 
     def times(v: Array) -> Array:
         step = v.reshape(k, 4)
         scaled = (step * scale).astype(np.float32)
-        in_threads(normal_kernels.light_changes, PARTS, *entries(lights), which, scaled, bounds, changes)
+        in_threads(normal_kernels.light_changes, parts, *entries(lights), which, scaled, bounds, changes)
         in_threads(normal_kernels.gather_changes, len(weight), changes, square, changed)
         in_threads(normal_kernels.sums_of_changes, k, *entries(lights), which, changed, sums)
         return (sums * scale + extra * step).ravel()
