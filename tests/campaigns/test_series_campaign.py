@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 WANTED = {
     "velocity.nc": b"\x89HDF",
     "summary.json": b'{"vectors": 12, "machine_speed": 0.61, "timings_s": {"report": 1.5}}',
-    "report.html": b'<th>time</th><td>1.5 s</td><tr><th>machine_speed</th><td>0.61</td></tr>'
+    "report.html": b"<th>time</th><td>1.5 s</td><tr><th>machine_speed</th><td>0.61</td></tr>"
     b'<tr><rect width="7.6" height="4"></tr>',
     "manifest.jsonl": b'{"lines": 2}\n{"file": "report.html", "sha256": "1", "check": "2"}\n{"file": "velocity.nc"}\n',
 }
@@ -25,7 +25,7 @@ WANTED = {
 def test_times_are_no_difference_and_all_else_is():
     other = WANTED | {
         "summary.json": b'{"vectors": 12, "machine_speed": 0.58, "timings_s": {"report": 2.5}}',
-        "report.html": b'<th>time</th><td>12.5 s</td><tr><th>machine_speed</th><td>0.58</td></tr>'
+        "report.html": b"<th>time</th><td>12.5 s</td><tr><th>machine_speed</th><td>0.58</td></tr>"
         b'<tr><rect width="9.1" height="4"></tr>',
         "manifest.jsonl": WANTED["manifest.jsonl"].replace(b'"1"', b'"3"'),
     }

@@ -9,7 +9,7 @@ from plenopiv.tracking.frame import particles_of_frame
 from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
 from plenopiv.tracking.pixels import with_noise
 from plenopiv.tracking.refine import Prior, refine
-from plenopiv.tracking.splits import STEPS, crowded, equations, near_any, pairs, splits
+from plenopiv.tracking.splits import STEP, crowded, equations, near_any, pairs, splits
 
 OF_POINTS = PointLights(CAMERA)
 ELECTRONS = 60_000.0
@@ -75,12 +75,13 @@ def image(lights, values):
 
 def terms_of(place):
     """The 11 terms (pixels, 11) in plain NumPy, of images of gradients at the places around; 0 where none lights."""
-    here, around = OF_POINTS([place]), [OF_POINTS([place + step * UNIT_MM]) for step in STEPS]
-    slopes = np.array([[image(one, one.gradient[:, k]) * UNIT_MM[k] for k in range(3)] for one in around])
-    bends = np.einsum("sjp,sk->jkp", slopes, STEPS) / (STEPS**2).sum(0)[:, None]
-    lit = np.zeros(slopes.shape[-1], bool)
+    here, around = OF_POINTS([place]), [OF_POINTS([place + STEP * axis * UNIT_MM]) for axis in np.eye(3)]
+    first, *slopes = np.array(
+        [[image(one, one.gradient[:, k]) * UNIT_MM[k] for k in range(3)] for one in (here, *around)]
+    )
+    bends = (np.array(slopes) - first) / STEP  # by axis, of slopes along axes
+    lit = np.zeros(first.shape[-1], bool)
     lit[np.concatenate([here.pixel, *(one.pixel for one in around)])] = True
-    first = [image(here, here.gradient[:, k]) * UNIT_MM[k] for k in range(3)]
     both = [bends[i, j] + bends[j, i] for i, j in ((0, 1), (0, 2), (1, 2))]
     return np.stack(
         [lit / lit.sum(), image(here, here.share), *first, bends[0, 0], bends[1, 1], bends[2, 2], *both], -1
@@ -116,7 +117,6 @@ def test_equations_are_those_of_dense_terms():
         weighed = terms_of(fit.position_mm[particle]) * fit.light[particle] * fit.weight[:, None]
         whole = weighed.T @ weighed
         scale = np.sqrt(np.diag(whole))
-        # a fit's light follows its derivatives where a step is small
         assert normal[n] / scale / scale[:, None] == pytest.approx(whole / scale / scale[:, None], abs=2e-3)
         assert right[n] / scale == pytest.approx(weighed.T @ (fit.residual * fit.weight) / scale, abs=0.05)
 

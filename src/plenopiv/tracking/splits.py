@@ -20,11 +20,11 @@ from scipy.spatial import cKDTree
 from plenopiv.threads import in_threads
 from plenopiv.tracking.equations import entries
 from plenopiv.tracking.refine import Fit
-from plenopiv.tracking.split_kernels import FREE, TERMS, derivative_equations
+from plenopiv.tracking.split_kernels import FREE, PLACES, TERMS, derivative_equations
 
 CROWDED, BRIGHT = 1.1, 1.25  # times the median's misfit, or light, from which on a particle is looked at
 LEAST = 20.0  # by which the second derivatives must lower chi^2: they show but a part of what two particles explain
-STEPS = 0.25 * np.concatenate([np.eye(3), -np.eye(3)])  # units, at which derivatives are taken
+STEP = 0.15  # units, between which derivatives are taken
 LEAST_HALF = 0.1  # units from the midst: nearer than that there is no pair, but light that is spread less
 NEAREST, FARTHEST = 0.5, 4.0  # units from the midst at which both are begun
 TOGETHER = 2000  # particles looked at at a time
@@ -51,12 +51,12 @@ def splits(fit: Fit, misfits: Array, asked: NDArray[np.bool_]) -> tuple[NDArray[
 def equations(fit: Fit, which: NDArray[np.int64]) -> tuple[Array, Array]:
     """The normal equations (m, 11, 11) and right sides (m, 11) of the particles ``which`` (m,) of a fit: of stray
     light, light, place and the second derivatives by xx, yy, zz, xy, xz, yz, in units."""
-    lights = fit.lights_of(which)
-    moved = fit.of_points((fit.position_mm[which, None] + STEPS * fit.unit_mm).reshape(-1, 3))
+    places = fit.position_mm[which, None] + STEP * np.eye(PLACES, 3, -1) * fit.unit_mm
+    lights = fit.of_points(places.reshape(-1, 3))
     normal, right = np.empty((len(which), TERMS, TERMS)), np.empty((len(which), TERMS))
     in_threads(
-        derivative_equations, len(which), *entries(lights), moved.start, moved.pixel, moved.gradient,
-        STEPS, fit.unit_mm, fit.light[which], fit.weight, fit.residual, normal, right,
+        derivative_equations, len(which), *entries(lights), STEP, fit.unit_mm, fit.light[which], fit.weight,
+        fit.residual, normal, right,
     )  # fmt: skip
     return normal, right
 
