@@ -22,14 +22,14 @@ INT, DOUBLES = ctypes.POINTER(ctypes.c_int), ctypes.POINTER(ctypes.c_double)
 Array = NDArray[np.float64]
 
 
-def factor(band: Array) -> Array:
+def factor(band: Array, in_place: bool = False) -> Array:
     """Cholesky's factor (reach + 1, n), in Fortran's order, of the matrix whose lower diagonals are the rows of
-    ``band`` (reach + 1, n), the main one first.
+    ``band`` (reach + 1, n), the main one first. ``in_place``: where ``band`` lies, which is in Fortran's order.
 
     Raises:
         LinAlgError: the matrix is not positive definite.
     """
-    out = np.array(band, np.float64, order="F")
+    out = band if in_place else np.array(band, np.float64, order="F")
     (rows, n), info = out.shape, ctypes.c_int(0)
     _routine("dpbtrf", ctypes.c_char_p, INT, INT, DOUBLES, INT, INT)(
         LOWER, _number(n), _number(rows - 1), out.ctypes.data_as(DOUBLES), _number(rows), ctypes.byref(info)
