@@ -118,16 +118,20 @@ def field_from_tracks(
     values, used = values_at(position, low, step_mm, nodes), np.ones(len(position), np.bool_)
     form, core = (nodes, divergence_free), core_mm or limits_mm
 
-    def chosen(std: Array) -> float:
+    def chosen(std: Array, start: float) -> tuple[float, float]:
+        """A smoothing, and the power of ten of the one that tells best, looked for from another one."""
+        of_all = information(values[used], std[used])
         own = used & within(position, core)
         if core == limits_mm or own.sum() < MANY:
-            return _chosen(values[used], velocity[used], std[used], *form)
-        of_core, nodes_of_core = _nodes(core, step_mm)
-        of_tracks = values_at(position[own], of_core, step_mm, nodes_of_core)
-        found = _chosen(of_tracks, velocity[own], std[own], nodes_of_core, divergence_free)
-        return found * information(of_tracks, std[own]) / information(values[used], std[used])
+            own, of_tracks, of_nodes = used, values[used], nodes
+        else:
+            of_core, of_nodes = _nodes(core, step_mm)
+            of_tracks = values_at(position[own], of_core, step_mm, of_nodes)
+        best = _chosen(of_tracks, velocity[own], std[own], of_nodes, divergence_free, start)
+        share = information(of_tracks, std[own]) / of_all
+        return share * 10.0 ** (best - UNDER), best
 
-    smoothing, whole = chosen(std), std
+    (smoothing, best), whole = chosen(std, USUAL), std
     around = cKDTree(position).query(position, min(AROUND, len(position)))[1]
     fit, first = None, np.empty(0)
     for again in (True, False):  # wrong links draw their neighbours along: these are taken back
@@ -143,7 +147,7 @@ def field_from_tracks(
         most = np.sqrt(OUTLYING**2 * std**2 + OF_UNRESOLVED**2 * finer)
         whole, used = np.sqrt(std**2 + finer), np.asarray((missed < most).all(1), np.bool_)
         if again:
-            smoothing = chosen(whole)
+            smoothing, _ = chosen(whole, float(np.floor(best)))
     _check_scatter(position[used], limits_mm, step_mm)
     position, values, velocity, std, whole = (each[used] for each in (position, values, velocity, std, whole))
     noise = whole * np.random.default_rng(seed).standard_normal((REPEATS, *std.shape))
@@ -216,8 +220,8 @@ def _folds(
     return [(each, Equations(values, np.where(each[:, None], np.inf, std), nodes, divergence_free)) for each in held]
 
 
-def _chosen(values: csr_array, velocity: Array, std: Array, nodes: Nodes, divergence_free: bool) -> float:
-    """The smoothing that tells tracks held out best."""
+def _chosen(values: csr_array, velocity: Array, std: Array, nodes: Nodes, divergence_free: bool, start: float) -> float:
+    """The power of ten of the smoothing that tells tracks held out best, looked for from a ``start``."""
     folds = _folds(values, std, nodes, divergence_free, HELD_OUT if len(velocity) < MANY else 1)
     fits = [(held, values[held], Smoothings(equations, velocity)) for held, equations in folds]
     errors: dict[float, float] = {}
@@ -232,9 +236,9 @@ def _chosen(values: csr_array, velocity: Array, std: Array, nodes: Nodes, diverg
                 errors[power] = np.inf
         return errors[power]
 
-    best = USUAL
+    best = start
     step = 1.0 if error(best + 1.0) < error(best) else -1.0
     while SMOOTHINGS[0] <= best + step <= SMOOTHINGS[1] and error(best + step) < error(best):
         best += step
     best = min((best - 0.5, best, best + 0.5), key=error)
-    return float(10.0 ** (best - UNDER))
+    return best
