@@ -28,7 +28,7 @@ def test_solutions_are_those_of_the_dense_matrix():
 
 def test_bits_are_scipys_also_on_several_threads():
     several = [matrix(400, 90, seed)[0] for seed in range(6)]
-    right = np.random.default_rng(2).normal(size=(400, 25))
+    right = np.random.default_rng(2).normal(size=(400, 3))
 
     def solved(band):
         return banded.solution(banded.factor(band), right)
@@ -37,6 +37,14 @@ def test_bits_are_scipys_also_on_several_threads():
         for band, found in zip(several, pool.map(solved, several), strict=True):
             of_scipy = cho_solve_banded((cholesky_banded(band, lower=True), True), right)
             assert (found == of_scipy).all()
+
+
+@pytest.mark.parametrize(("n", "reach"), [(60, 7), (300, 63), (300, 64), (130, 100), (200, 190), (70, 65), (400, 129)])
+def test_many_right_sides_are_solved_in_blocks(n, reach):
+    factor = banded.factor(matrix(n, reach, 4)[0])
+    right = np.random.default_rng(5).normal(size=(n, 25))
+    one_by_one = np.concatenate([banded.solution(factor, right[:, k : k + 1]) for k in range(25)], 1)
+    np.testing.assert_allclose(banded.solution(factor, right), one_by_one, rtol=1e-11, atol=1e-15)
 
 
 def test_what_is_given_stays_and_what_is_not_positive_definite_is_refused():

@@ -23,6 +23,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from plenopiv.errors import PlenoPIVError
+from plenopiv.tracking.nearby import Smoothings, Solved
 from plenopiv.tracking.remainder import MEDIAN_SQUARE, Remainder
 from plenopiv.tracking.splines import Equations, Nodes, information, values_at
 from plenopiv.tracking.unresolved import Unresolved
@@ -94,8 +95,8 @@ def field_from_tracks(
 ) -> TrackField:
     """The field of velocities (n, 3) in m/s, with standard deviations (n, 3), of tracks at (n, 3) mm, within
     ``limits_mm``, nodes ``step_mm`` apart. ``core_mm``: where there are enough tracks in it, these alone choose the
-    smoothing, which takes ten fits: those of half the nodes cost a fifth. Tracks with a number that is not finite are
-    left out.
+    smoothing, which takes several factors: those of half the nodes cost a fifth. Tracks with a number that is not
+    finite are left out.
 
     Raises:
         PlenoPIVError: fewer tracks than a cubic has coefficients, or all in a plane or in another small part of the
@@ -103,45 +104,55 @@ def field_from_tracks(
     """
     position, velocity, std = (np.asarray(each, np.float64) for each in (position_mm, velocity_m_s, std_m_s))
     known = known_tracks(position, velocity, std)
-    position, velocity, std = (np.where(known[:, None], each, 1.0) for each in (position, velocity, std))
     if len(position) < LEAST_TRACKS or not step_mm > 0:
         raise PlenoPIVError(
             f"tracking: {len(position)} tracks and nodes {step_mm:g} mm apart make no field; give {LEAST_TRACKS} "
             "tracks or more and a positive distance"
         )
     low, nodes = _nodes(limits_mm, step_mm)
-    inside = ((position >= low) & (position <= [hi for _, hi in limits_mm])).all(1) & known
+    inside = np.asarray(((position >= low) & (position <= [hi for _, hi in limits_mm])).all(1) & known, np.bool_)
     if inside.sum() < LEAST_TRACKS:
         raise PlenoPIVError(f"tracking: {inside.sum()} tracks within {limits_mm} mm make no field; enlarge it")
     _check_scatter(position[inside], limits_mm, step_mm)
-    values = values_at(position, low, step_mm, nodes)
-    used: NDArray[np.bool_] = np.asarray(inside, np.bool_)
+    position, velocity, std = (each[inside] for each in (position, velocity, std))
+    values, used = values_at(position, low, step_mm, nodes), np.ones(len(position), np.bool_)
     form, core = (nodes, divergence_free), core_mm or limits_mm
 
-    def chosen(std: Array) -> float:
+    def chosen(std: Array, start: float) -> tuple[float, float]:
+        """A smoothing, and the power of ten of the one that tells best, looked for from another one."""
+        of_all = information(values[used], std[used])
         own = used & within(position, core)
         if core == limits_mm or own.sum() < MANY:
-            return _chosen(values[used], velocity[used], std[used], *form)
-        of_core, nodes_of_core = _nodes(core, step_mm)
-        of_tracks = values_at(position[own], of_core, step_mm, nodes_of_core)
-        found = _chosen(of_tracks, velocity[own], std[own], nodes_of_core, divergence_free)
-        return found * information(of_tracks, std[own]) / information(values[used], std[used])
+            own, of_tracks, of_nodes = used, values[used], nodes
+        else:
+            of_core, of_nodes = _nodes(core, step_mm)
+            of_tracks = values_at(position[own], of_core, step_mm, of_nodes)
+        best = _chosen(of_tracks, velocity[own], std[own], of_nodes, divergence_free, start)
+        share = information(of_tracks, std[own]) / of_all
+        return share * 10.0 ** (best - UNDER), best
 
-    smoothing, whole = chosen(std), std
-    around = np.flatnonzero(inside)[cKDTree(position[inside]).query(position, min(AROUND, int(inside.sum())))[1]]
+    (smoothing, best), whole = chosen(std, USUAL), std
+    around = cKDTree(position).query(position, min(AROUND, len(position)))[1]
+    fit, first = None, np.empty(0)
     for again in (True, False):  # wrong links draw their neighbours along: these are taken back
-        first = Equations(values[used], whole[used], *form).solution(velocity[used][None], smoothing)[0]
+        equations = Equations(values, np.where(used[:, None], whole, np.inf), *form)
+        if fit is None:
+            fit = Solved(equations, velocity[None], smoothing)
+            first = fit.coefficients[0]
+        else:
+            first = fit.nearby(equations, velocity, smoothing)
         missed = np.abs(values @ first.T - velocity)
         usual = np.median(missed[around], 1) ** 2 / MEDIAN_SQUARE
         finer = np.maximum(usual - CHANCE * np.median(std[around], 1) ** 2, 0.0)  # than nodes
         most = np.sqrt(OUTLYING**2 * std**2 + OF_UNRESOLVED**2 * finer)
-        whole, used = np.sqrt(std**2 + finer), np.asarray(inside & (missed < most).all(1), np.bool_)
+        whole, used = np.sqrt(std**2 + finer), np.asarray((missed < most).all(1), np.bool_)
         if again:
-            smoothing = chosen(whole)
+            smoothing, _ = chosen(whole, float(np.floor(best)))
     _check_scatter(position[used], limits_mm, step_mm)
     position, values, velocity, std, whole = (each[used] for each in (position, values, velocity, std, whole))
     noise = whole * np.random.default_rng(seed).standard_normal((REPEATS, *std.shape))
-    found = Equations(values, whole, *form).solution(np.concatenate([velocity[None], velocity + noise]), smoothing)
+    fit = Solved(Equations(values, whole, *form), np.concatenate([velocity[None], velocity + noise]), smoothing)
+    found = fit.coefficients
     chi2 = float(np.mean(((values @ found[0].T - velocity) / whole) ** 2))
     followed = [values @ (each - found[0]).T for each in found[1:]]  # the trace of what the fit makes of data
     free = max(1.0 - float(np.mean(np.stack(followed) * noise / whole**2)), 0.1)
@@ -155,14 +166,15 @@ def field_from_tracks(
 
     off, untold, any_held = np.empty_like(std), np.empty_like(std), np.zeros(len(std), bool)
     for held, equations in _folds(values, whole, *form, TURNS):
-        fitted = equations.solution(velocity[~held][None], smoothing)[0]
+        fitted = fit.nearby(equations, velocity, smoothing)
         added, untold[held] = remainder(fitted, ~held).at(position[held])
         off[held] = values[held] @ fitted.T + added - velocity[held]
         any_held |= held
     explained = std[any_held] ** 2 + np.stack([values[any_held] @ each.T for each in found[1:]]).var(0)
     left_over = Unresolved(position[any_held], off[any_held] ** 2, explained, untold[any_held])
     of_all = remainder(found[0], np.ones(len(std), bool))
-    return TrackField(found, low, step_mm, nodes, smoothing, chi2 / free, scale, used, of_all, left_over)
+    inside[inside] = used
+    return TrackField(found, low, step_mm, nodes, smoothing, chi2 / free, scale, inside, of_all, left_over)
 
 
 def known_tracks(position_mm: Array, velocity_m_s: Array, std_m_s: Array) -> NDArray[np.bool_]:
@@ -205,39 +217,28 @@ def _folds(
     """Which tracks (n,) are held out in each of ``turns`` folds, and the equations of the others."""
     fold = np.arange(len(std)) % HELD_OUT  # in whatever order tracks are, all over the volume
     held = [fold == turn for turn in range(turns)]
-    return [(each, Equations(values[~each], std[~each], nodes, divergence_free)) for each in held]
+    return [(each, Equations(values, np.where(each[:, None], np.inf, std), nodes, divergence_free)) for each in held]
 
 
-def _missed(
-    folds: list[tuple[NDArray[np.bool_], Equations]], values: csr_array, velocity: Array, smoothing: float
-) -> tuple[NDArray[np.bool_], Array]:
-    """Which tracks (n,) are held out, and by how much these (m, 3) are missed by the fit to the others of a fold."""
-    out, any_held = np.empty_like(velocity), np.zeros(len(velocity), bool)
-    for held, equations in folds:
-        found = equations.solution(velocity[~held][None], smoothing)[0]
-        out[held] = values[held] @ found.T - velocity[held]
-        any_held |= held
-    return any_held, out[any_held]
-
-
-def _chosen(values: csr_array, velocity: Array, std: Array, nodes: Nodes, divergence_free: bool) -> float:
-    """The smoothing that tells tracks held out best."""
+def _chosen(values: csr_array, velocity: Array, std: Array, nodes: Nodes, divergence_free: bool, start: float) -> float:
+    """The power of ten of the smoothing that tells tracks held out best, looked for from a ``start``."""
     folds = _folds(values, std, nodes, divergence_free, HELD_OUT if len(velocity) < MANY else 1)
+    fits = [(held, values[held], Smoothings(equations, velocity)) for held, equations in folds]
     errors: dict[float, float] = {}
 
     def error(power: float) -> float:
         """With a smoothing of 10 to the ``power``."""
         if power not in errors:
             try:
-                held, missed = _missed(folds, values, velocity, 10.0**power)
-                errors[power] = float(np.minimum((missed / std[held]) ** 2, LARGEST).mean())
+                missed = [(at @ fit.solution(10.0**power).T - velocity[held]) / std[held] for held, at, fit in fits]
+                errors[power] = float(np.minimum(np.concatenate(missed) ** 2, LARGEST).mean())
             except PlenoPIVError:  # so smooth that the tracks' information is below rounding
                 errors[power] = np.inf
         return errors[power]
 
-    best = USUAL
+    best = start
     step = 1.0 if error(best + 1.0) < error(best) else -1.0
     while SMOOTHINGS[0] <= best + step <= SMOOTHINGS[1] and error(best + step) < error(best):
         best += step
     best = min((best - 0.5, best, best + 0.5), key=error)
-    return float(10.0 ** (best - UNDER))
+    return best

@@ -94,10 +94,8 @@ def field_on_grid(
         own[own] = field.used
         return own, field, _on_grid(field, parts[number], limits_mm, axes_mm, beyond)
 
-    # those of a size one after the other: their penalty is the same
-    order = sorted(range(len(parts)), key=lambda n: np.diff(boxes[n]).tolist())
     with one_blas_thread():
-        for done, found in enumerate(each_in_threads(made, order), 1):
+        for done, found in enumerate(each_in_threads(made, range(len(parts))), 1):
             if found is not None:
                 own, field, on_grid = found
                 used |= own

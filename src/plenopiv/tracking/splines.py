@@ -6,13 +6,14 @@ lower diagonals row by row as LAPACK has them, factorised by Cholesky's method.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import LinAlgError
-from scipy.sparse import block_diag, csr_array, eye_array, hstack, kron
+from scipy.sparse import csr_array, eye_array
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.kernels import kernel
@@ -27,36 +28,60 @@ Nodes = tuple[int, int, int]  # along x, y, z
 
 
 class Equations:
-    """Of velocities with standard deviations ``std`` (n, 3) where splines have the values ``values`` (n, nodes).
+    """Of velocities with standard deviations ``std`` (n, 3), infinite for those that do not count, where splines have
+    the values ``values`` (n, nodes).
 
     Their coefficients minimise  sum |u - u_i|^2 / s_i^2  +  smoothing * unit * penalty;  ``unit`` is the data's mean
-    information on a coefficient.
+    information on a coefficient, ``weight`` (n, 3) is 1 / s_i^2.
     """
 
     def __init__(self, values: csr_array, std: Array, nodes: Nodes, divergence_free: bool):
-        self._values, self._weight = values, 1.0 / std**2
-        self._penalty = _penalty(nodes, divergence_free)
-        self._band = np.zeros(self._penalty.shape)
-        n = len(std)
-        add_data(values.indices.reshape(n, -1), values.data.reshape(n, -1), self._weight, self._band)
+        self.values, self.weight = values, 1.0 / std**2
         self.unit = information(values, std)
-        self._band[0] += RIDGE * self.unit
+        self._nodes, self._stiffness = nodes, STIFFNESS if divergence_free else 0.0
 
     def solution(self, velocity: Array, smoothing: float) -> Array:
         """Coefficients (k, 3, nodes) of velocities (k, n, 3).
 
         Raises:
+            PlenoPIVError: as ``factor``.
+        """
+        found = banded.solution(self.factor(smoothing), self.right(velocity))
+        return np.ascontiguousarray(found.reshape(-1, 3, len(velocity)).T)
+
+    def factor(self, smoothing: float) -> Array:
+        """Cholesky's factor of the equations, as ``banded.factor`` has it.
+
+        Raises:
             PlenoPIVError: where tracks are not, nodes are known less well than rounding tells.
         """
-        form = self._penalty * (smoothing * self.unit)
-        form += self._band
+        reach = 3 * sum(min(3, n - 1) * each for n, each in zip(self._nodes, _strides(self._nodes), strict=True)) + 2
+        columns = np.zeros((3 * int(np.prod(self._nodes)), reach + 1))
+        add_penalty(np.array(self._nodes), _forms(self._nodes), self._stiffness, smoothing * self.unit, columns)
+        index, value = (each.reshape(len(self.weight), -1) for each in (self.values.indices, self.values.data))
+        near = np.argsort(index[:, 0], kind="stable")  # neighbours one after the other, for caches
+        add_data(index[near], value[near], self.weight[near], columns)
+        columns[:, 0] += RIDGE * self.unit
         try:
-            factor = banded.factor(form)
+            return banded.factor(columns.T, in_place=True)
         except LinAlgError as error:
             raise PlenoPIVError(UNEVEN) from error
-        right = np.stack([self._values.T @ (self._weight[:, axis] * velocity[:, :, axis]).T for axis in range(3)], 1)
-        found = banded.solution(factor, right.reshape(form.shape[1], -1))
-        return np.ascontiguousarray(found.reshape(-1, 3, len(velocity)).T)
+
+    def right(self, velocity: Array) -> Array:
+        """Right sides (3 nodes, k) of velocities (k, n, 3)."""
+        each = [self.values.T @ (self.weight[:, axis] * velocity[:, :, axis]).T for axis in range(3)]
+        return np.stack(each, 1).reshape(-1, len(velocity))
+
+    def less(self, share: float, other: Equations) -> Callable[[Array], Array]:
+        """What multiplies (3 nodes,) by the data's part of these equations less a ``share`` of that of others, of the
+        same ``values``."""
+        weight, ridge = self.weight - share * other.weight, RIDGE * (self.unit - share * other.unit)
+
+        def times(x: Array) -> Array:
+            of_data = self.values.T @ (weight * (self.values @ x.reshape(-1, 3)))
+            return of_data.ravel() + ridge * x
+
+        return times
 
 
 def information(values: csr_array, std: Array) -> float:
@@ -69,16 +94,53 @@ def information(values: csr_array, std: Array) -> float:
 def add_data(
     index: NDArray[np.int32], value: Array,  # (n, k): nodes that have a part in a point, in order, and how much
     weight: Array,  # (n, 3)
-    band: Array,  # (reach + 1, 3 nodes), added to
+    columns: Array,  # (3 nodes, reach + 1), added to: columns of the matrix from its main diagonal down
 ) -> None:  # fmt: skip
     """Add the information of the points to the band."""
     for n in range(index.shape[0]):
-        for i in range(index.shape[1]):
-            for j in range(i + 1):
+        if weight[n, 0] == 0.0 and weight[n, 1] == 0.0 and weight[n, 2] == 0.0:
+            continue
+        for j in range(index.shape[1]):
+            first = 3 * index[n, j]
+            for i in range(j, index.shape[1]):
                 both = value[n, i] * value[n, j]
-                below, first = 3 * (index[n, i] - index[n, j]), 3 * index[n, j]
+                below = 3 * (index[n, i] - index[n, j])
                 for axis in range(3):
-                    band[below, first + axis] += weight[n, axis] * both
+                    columns[first + axis, below] += weight[n, axis] * both
+
+
+@kernel
+def add_penalty(
+    nodes: NDArray[np.int64],  # (3,): along x, y, z
+    forms: Array,  # (3, 5, n, n), n at least as many as nodes along an axis: as ``_forms`` has them
+    stiffness: float, smoothing: float,
+    columns: Array,  # (3 nodes, reach + 1), added to: columns of the matrix from its main diagonal down
+) -> None:  # fmt: skip
+    """Add the squared third differences and ``stiffness`` times the squared divergence to the band, times
+    ``smoothing``: products of what there is along each axis."""
+    nx, ny, nz = nodes[0], nodes[1], nodes[2]
+    of_yz = np.empty((3, 3))
+    for column in range(nx * ny * nz):
+        cz, cy, cx = column // (nx * ny), column // nx % ny, column % nx
+        for z in range(cz, min(cz + 4, nz)):
+            for y in range(max(cy - 3, 0), min(cy + 4, ny)):
+                here = z == cz and y == cy
+                third = (z == cz) * forms[1, 4, y, cy] + (y == cy) * forms[2, 4, z, cz]
+                for a in range(3):
+                    for b in range(3):
+                        of_y, of_z = forms[1, 2 * (a == 1) + (b == 1), y, cy], forms[2, 2 * (a == 2) + (b == 2), z, cz]
+                        of_yz[a, b] = smoothing * stiffness * of_y * of_z
+                first = (z * ny + y) * nx
+                for x in range(max(cx - 3, 0), min(cx + 4, nx)):
+                    below = 3 * (first + x - column)
+                    if below < 0:
+                        continue
+                    of_third = (x == cx) * third + here * forms[0, 4, x, cx]
+                    for b in range(3):
+                        columns[3 * column + b, below] += smoothing * of_third
+                        for a in range(b if below == 0 else 0, 3):
+                            entry = of_yz[a, b] * forms[0, 2 * (a == 0) + (b == 0), x, cx]
+                            columns[3 * column + b, below + a - b] += entry
 
 
 def values_at(points: Array, low: Array, step: float, nodes: Nodes, derivative: int | None = None) -> csr_array:
@@ -114,32 +176,22 @@ def _rows_times(a: csr_array, b: csr_array) -> csr_array:
     return csr_array((values.ravel(), index.ravel(), start), shape=(n, a.shape[1] * b.shape[1]))
 
 
-@lru_cache(maxsize=2)
-def _penalty(nodes: Nodes, divergence_free: bool) -> Array:
-    """The band (reach + 1, 3 nodes) of squared third differences, and of the divergence between the nodes."""
-    nx, ny, nz = nodes
-    unit = [eye_array(count) for count in (nz, ny, nx)]
-    form = None
-    for axis, count in enumerate((nz, ny, nx)):
-        if count < 4:
-            continue
-        third = csr_array(np.diff(np.eye(count), 3, axis=0))
-        parts = [third if a == axis else unit[a] for a in range(3)]
-        each = kron(kron(parts[0], parts[1]), parts[2])
-        own = each.T @ each
-        form = own if form is None else form + own
-    smooth = block_diag([form] * 3)
-    if divergence_free:
-        middles = [(np.arange(2 * (count - 3)) + 0.5) / 2 for count in nodes]
-        z, y, x = np.meshgrid(middles[2], middles[1], middles[0], indexing="ij")
-        points = np.stack([x.ravel(), y.ravel(), z.ravel()], -1)
-        divergence = hstack([values_at(points, np.zeros(3), 1.0, nodes, axis) for axis in range(3)])
-        smooth = smooth + STIFFNESS * (divergence.T @ divergence)
-    entries, count = smooth.tocoo(), nx * ny * nz
-    row, column = (3 * (place % count) + place // count for place in (entries.row, entries.col))
-    lower = row >= column
-    row, column = row[lower], column[lower]
-    reach = 3 * (min(3, nz - 1) * nx * ny + min(3, ny - 1) * nx + min(3, nx - 1)) + 2  # of the data, too
-    out = np.zeros((reach + 1, 3 * count))
-    out[row - column, column] = entries.data[lower]
+def _strides(nodes: Nodes) -> Nodes:
+    """How far nodes next to each other along x, y and z are apart in the order of all."""
+    return 1, nodes[0], nodes[0] * nodes[1]
+
+
+@lru_cache(maxsize=8)
+def _forms(nodes: Nodes) -> Array:
+    """Along each axis (3, 5, n, n), what penalties are products of: sums, over the middles of halves of cells, of value
+    times value, value times slope, slope times value and slope times slope of two splines, and squared third
+    differences."""
+    out = np.zeros((3, 5, max(nodes), max(nodes)))
+    for axis, count in enumerate(nodes):
+        middles, knots = (np.arange(2 * (count - 3)) + 0.5) / 2, np.arange(count + 4) - 3.0
+        value = BSpline.design_matrix(middles, knots, 3).toarray()
+        slope = -np.diff(BSpline.design_matrix(middles, knots[1:-1], 2).toarray(), axis=1, prepend=0.0, append=0.0)
+        third = np.diff(np.eye(count), 3, axis=0)
+        each = [row.T @ column for row in (value, slope) for column in (value, slope)]
+        out[axis, :, :count, :count] = [*each, third.T @ third]
     return out
