@@ -5,13 +5,15 @@ import pytest
 from particle_scenes import CAMERA, GAIN, noisy, pixels_of, seeded
 from scipy.sparse import bsr_array
 
-from plenopiv.tracking import covariance
+from plenopiv.tracking import areas, covariance
+from plenopiv.tracking.alone import lowers
 from plenopiv.tracking.covariance import covariance_among
-from plenopiv.tracking.evidence import LEAST, doubtful, errors_of, lowers, without_evidence
-from plenopiv.tracking.light import PointLights, prior_std_mm
-from plenopiv.tracking.refine import Prior, refine
+from plenopiv.tracking.evidence import LEAST, doubtful, errors_of, without_evidence
+from plenopiv.tracking.light import UNIT_MM, PointLights, prior_std_mm
+from plenopiv.tracking.refine import Effort, Prior, refine
 
 OF_POINTS = PointLights(CAMERA)
+TOLD = Effort(told=True)
 ELECTRONS = 60_000.0
 PLACE = np.array([[0.06, -0.04, 1.9], [-0.25, 0.2, -1.4]])
 
@@ -91,11 +93,11 @@ def test_who_lacks_evidence_is_doubtful_and_most_others_are_not():
     light = np.concatenate([bright, np.full(len(ghosts), 1e-3 * bright.mean()), 0.5 * bright[::6]])
     light[: len(bright) : 6] *= 0.5
     position = np.concatenate([place, ghosts, seconds])
-    fit = refine(OF_POINTS, pixels, position, light, Prior(position, prior_std_mm(CAMERA)), 0)
+    fit = refine(OF_POINTS, pixels, position, light, Prior(position, prior_std_mm(CAMERA)), 0, TOLD)
     which = np.arange(len(light))[3:]
     covariance, off = errors_of(fit, pixels.usable, which=which)
-    misfit, doubt = doubtful(fit, pixels.usable, which)
-    np.testing.assert_allclose(misfit, off, rtol=1e-12)
+    doubt = doubtful(fit, which)
+    np.testing.assert_allclose(fit.told[which, 0], off, rtol=1e-12)
     weak = lowers(covariance, off) < LEAST
     assert weak.sum() > len(ghosts)
     assert doubt[weak].all()
@@ -107,6 +109,21 @@ def test_who_lacks_evidence_is_doubtful_and_most_others_are_not():
 def test_a_bright_particle_is_doubtful_for_its_neighbour_alone():
     position = np.stack([*PLACE, PLACE[0] + (0, 0, 0.3)])
     pixels = pixels_of(noisy(position, np.full(3, ELECTRONS)))
-    fit = refine(OF_POINTS, pixels, position, np.full(3, GAIN * ELECTRONS), Prior(position, prior_std_mm(CAMERA)), 0)
-    assert doubtful(fit, pixels.usable, np.arange(3))[1].tolist() == [True, False, True]
-    assert doubtful(fit, pixels.usable, np.array([2]))[1].tolist() == [True]
+    prior = Prior(position, prior_std_mm(CAMERA))
+    fit = refine(OF_POINTS, pixels, position, np.full(3, GAIN * ELECTRONS), prior, 0, TOLD)
+    assert doubtful(fit, np.arange(3)).tolist() == [True, False, True]
+    assert doubtful(fit, np.array([2])).tolist() == [True]
+
+
+def test_what_particles_say_by_themselves_is_told_by_areas_as_at_once(monkeypatch):
+    truth = seeded(0.5)
+    pixels, light = pixels_of(noisy(truth.position_mm, truth.electrons)), GAIN * truth.electrons
+    prior = Prior(truth.position_mm, prior_std_mm(CAMERA))
+    whole = refine(OF_POINTS, pixels, truth.position_mm, light, prior, 40, TOLD)
+    assert refine(OF_POINTS, pixels, truth.position_mm, light, prior, 1).told.shape == (0, 2)
+    monkeypatch.setattr(areas, "TOGETHER", 20)
+    parts = refine(OF_POINTS, pixels, truth.position_mm, light, prior, 40, TOLD)
+    near = (np.abs(parts.position_mm - whole.position_mm) < 0.1 * UNIT_MM).all(1)
+    assert near.mean() > 0.8
+    assert parts.told[near] == pytest.approx(whole.told[near], rel=0.05)
+    assert whole.told[near, 1].std() > 0.2 * whole.told[near, 1].mean()

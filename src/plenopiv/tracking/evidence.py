@@ -14,14 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from plenopiv.threads import in_threads
+from plenopiv.tracking.alone import lowers, misfits
 from plenopiv.tracking.areas import areas
 from plenopiv.tracking.covariance import NEIGHBOURS, covariance_among, with_those_about
 from plenopiv.tracking.equations import own_equations
-from plenopiv.tracking.light import Lights
-from plenopiv.tracking.normal_kernels import mean_misfit
 from plenopiv.tracking.pixels import SAMPLE, Pixels, with_noise
-from plenopiv.tracking.refine import Fit, pixel_weights, residual_of, with_priors
+from plenopiv.tracking.refine import Fit, pixel_weights, residual_of
 
 LEAST = 35.0  # by which a particle lowers chi^2
 PRESENT = 0.4  # of its expected light that a particle's pixels must hold
@@ -44,7 +42,7 @@ def errors_of(
     covariance, off = np.empty((len(which), 4, 4)), np.empty(len(which))
     for area, near, own, lights in with_those_about(fit, which):
         covariance[area] = covariance_among(fit.normal(near, lights), own, neighbours)
-        off[area] = _misfits(lights, chi2)[own]
+        off[area] = misfits(lights, chi2)[own]
     return covariance, off
 
 
@@ -53,29 +51,13 @@ def _of_pixels(fit: Fit, usable: NDArray[np.bool_]) -> Array:
     return np.where(usable, fit.residual**2 / fit.variance, np.nan)
 
 
-def _misfits(lights: Lights, chi2: Array) -> Array:
-    """Of particles whose light goes where ``lights`` say, the mean (n,) of their pixels' ``chi2``."""
-    off = np.empty(len(lights.start) - 1)
-    in_threads(mean_misfit, len(off), lights.start, lights.pixel, lights.share, chi2, off)
-    return off
-
-
-def doubtful(fit: Fit, usable: NDArray[np.bool_], which: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
-    """Of the particles ``which`` (m,), ascending, of a fit: their misfit (m,), as ``errors_of``, and for which there
-    may be no evidence: those that lower chi^2 by less than BEYOND_DOUBT, all others known, or are within APART units of
-    another. Of 15,000 that no other was so near to, none lacked it that lowers chi^2 by 900 or more."""
-    chi2, none = _of_pixels(fit, usable), np.zeros_like(fit.weight)
-    off, alone = np.empty(len(which)), np.empty(len(which))
-    for area in areas(fit.position_mm[which, :2]):
-        some = which[area]
-        lights = fit.lights_of(some)
-        off[area] = _misfits(lights, chi2)
-        own, _ = own_equations(lights, fit.light[some], fit.weight, none)
-        known = with_priors(own, fit.prior.of(some).information(fit.unit_mm))
-        alone[area] = lowers(np.asarray(np.linalg.inv(known), np.float64), off[area])
+def doubtful(fit: Fit, which: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """For which of the particles ``which`` (m,) of a fit there may be no evidence: those that lower chi^2 by less than
+    BEYOND_DOUBT, all others known, or are within APART units of another. Of 15,000 that no other was so near to, none
+    lacked it that lowers chi^2 by 900 or more. The fit has ``told``."""
     place = fit.position_mm / fit.unit_mm
     apart, _ = cKDTree(place).query(place[which], 2)
-    return off, (alone < BEYOND_DOUBT) | (apart[:, 1] < APART)
+    return np.asarray((fit.told[which, 1] < BEYOND_DOUBT) | (apart[:, 1] < APART))
 
 
 def without_evidence(
@@ -108,11 +90,6 @@ def without_evidence(
             gone[mine[lowers(alone, misfits[mine]) < LEAST]] = True
     out |= gone
     return out
-
-
-def lowers(covariance: Array, misfits: Array) -> Array:
-    """By how much the light of each particle (n,) lowers chi^2, of its ``covariance`` (n, 4, 4)."""
-    return np.asarray(1.0 / np.maximum(covariance[:, 3, 3], 1e-30) / np.maximum(misfits, 1.0))
 
 
 def present(fit: Fit, pixels: Pixels, sample: int = SAMPLE) -> tuple[Pixels, Array, NDArray[np.bool_]]:

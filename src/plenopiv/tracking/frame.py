@@ -24,7 +24,7 @@ NEIGHBOURS = 12  # whose parameters are free where particles are judged on the w
 FEW = 0.01  # share of particles left out and found below which no other pass follows
 FEWEST = 0.5  # of the particles that are expected in a second frame: fewer there, and they were expected elsewhere
 LAST_STEPS = 6
-LAST, ON_THE_WAY = Effort(0.03, 0.01), Effort(1.0, 0.04)  # of the last fit, and of those before it
+LAST, ON_THE_WAY = Effort(0.03, 0.01), Effort(1.0, 0.04, told=True)  # of the last fit, and of those before it
 BEGUN = 1.5  # times the median's misfit that counts against a particle on the way, where it has only begun to fit
 FIRST_LIGHT = 0.5  # of the median particle's, of a particle that is found in what is left
 
@@ -160,8 +160,8 @@ def _in_passes(
         out, pairs, half = np.zeros(len(light), bool), np.empty(0, np.int64), np.empty((0, 3))
         if done:
             changed = np.flatnonzero(fit.moved | np.isnan(off))
-            off[changed], doubt = doubtful(fit, pixels.usable, changed)
-            most, asked = BEGUN * float(np.median(off)), changed[doubt]
+            off[changed] = fit.told[changed, 0]
+            most, asked = BEGUN * float(np.median(off)), changed[doubtful(fit, changed)]
             covariance, _ = errors_of(fit, pixels.usable, NEIGHBOURS, asked)
             out[asked] = without_evidence(fit, covariance, np.minimum(off[asked], most), which=asked)
             if out.all():

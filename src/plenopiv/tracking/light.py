@@ -42,7 +42,8 @@ class Lights:
     ``start`` (n + 1,); ``pixel`` (m,), row * columns + column of an upright image; ``share`` (m,) of the point's light;
     ``gradient`` (m, 3): change of the share per mm of x, y, z. A pixel that two microlenses of a point light is listed
     twice. ``unit_mm`` (3,): of x, y, z in the equations that these make, about what moves a point's light by a pixel.
-    ``overlap``: many faint entries, of several microlenses, add up in a pixel.
+    ``overlap``: many faint entries, of several microlenses, add up in a pixel; ``roomy``: points have room for more
+    entries, some without light.
     """
 
     start: NDArray[np.int64]
@@ -51,6 +52,7 @@ class Lights:
     gradient: NDArray[np.float32]
     unit_mm: Array = field(default_factory=UNIT_MM.copy)
     overlap: bool = False
+    roomy: bool = False
 
     @property
     def point(self) -> NDArray[np.int64]:
@@ -95,14 +97,16 @@ class Lights:
             return self
         source = np.arange(len(room))
         source[places] = len(room) + np.arange(len(places))
+        if not self.roomy:
+            room += ROOM[0] + room // ROOM[1]
         room[places] = np.maximum(room[places], needed + ROOM[0] + needed // ROOM[1])
-        return _taken(self, others, source, room)
+        return replace(_taken(self, others, source, room), roomy=True)
 
     def shifted(self, which: NDArray[np.int64], by_mm: Array) -> Lights:
         """The same with the points ``which`` (k,) moved by small steps (k, 3) in mm, to first order."""
         share = self.share.copy()
         entry_kernels.shift_shares(self.start, self.gradient, which, np.asarray(by_mm, np.float64), share)
-        return Lights(self.start, self.pixel, share, self.gradient, self.unit_mm, self.overlap)
+        return replace(self, share=share)
 
     def whole(self) -> Array:
         """The share of each point's light that falls on the sensor (n,)."""
@@ -122,6 +126,7 @@ def _taken(first: Lights, second: Lights, source: NDArray[np.int64], count: NDAr
         np.empty((start[-1], 3), np.float32),
         first.unit_mm,
         first.overlap,
+        first.roomy,
     )
     parts = (*_arrays(first), *_arrays(second), source.astype(np.int64), *_arrays(out))
     in_threads(entry_kernels.take_entries, len(source), *parts)

@@ -33,10 +33,11 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from plenopiv.threads import each_in_threads, in_threads, one_thread
 from plenopiv.tracking import areas, entry_kernels, normal_kernels
+from plenopiv.tracking.alone import alone, with_priors
 from plenopiv.tracking.equations import normal_equations, own_equations, with_information
 from plenopiv.tracking.light import LightOfPoints, Lights
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.tracking.steps import LEAST_KNOWN, PARTS, step_of
+from plenopiv.tracking.steps import PARTS, step_of
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -74,10 +75,12 @@ class Prior:
 @dataclass(frozen=True)
 class Effort:
     """How far a fit is taken. ``still``: the root of chi^2 that a particle must gain to move; ``near``: units of
-    ``Lights.unit_mm`` within which light follows its derivatives, without being computed anew."""
+    ``Lights.unit_mm`` within which light follows its derivatives, without being computed anew; ``told``: whether what
+    each particle says by itself is kept."""
 
     still: float = 0.0
     near: float = 0.0
+    told: bool = False
 
 
 WHOLE = Effort()
@@ -88,7 +91,8 @@ class Fit:
     """Particles fitted to the pixels: ``position_mm`` (n, 3), ``light`` (n,) counts; ``image``: counts of all of them,
     ``residual``, ``variance`` and ``weight``, one over the standard deviation that it counts with, of each pixel;
     ``prior``: of the particles; ``moved`` (n,): which did not rest; ``unit_mm`` (3,): of the unknowns; ``kept``: where
-    light goes, where there are not too many particles to keep that."""
+    light goes, where there are not too many particles to keep that; ``told`` (n, 2): as ``alone``, when each particle's
+    area was left; none (0, 2) where it was not asked for."""
 
     of_points: LightOfPoints
     position_mm: Array
@@ -101,6 +105,7 @@ class Fit:
     moved: NDArray[np.bool_]
     unit_mm: Array
     kept: Lights | None
+    told: Array
 
     @cached_property
     def lights(self) -> Lights:
@@ -146,23 +151,27 @@ def refine(
         begin = position, light, prior, iterations, of_points(position) if lights is None else lights
         position, light, moved, kept = _stepped(of_points, pixels, *begin, lambda lit: np.zeros(len(lit)), effort)
         image, unit = kept.image(light, len(pixels.counts)), kept.unit_mm
+        told = _told(kept, light, prior, pixels, image) if effort.told else np.empty((0, 2))
     else:
         kept, unit = None, of_points(position[:1]).unit_mm
         known = image_of(of_points, position, light, len(pixels.counts)) if image is None else image
         image, moved = known.copy(), np.zeros(len(light), bool)
+        told = np.empty((len(light) if effort.told else 0, 2))
         for number, steps in enumerate(_turns(iterations)):
             fitted = partial(_of_area, of_points, pixels, position, light, prior, steps, image, effort)
             cut = areas.areas(position[:, :2], turn + number)
             for group in areas.groups(position[:, :2], cut, areas.ABOUT * unit[:2]):
-                made = list(each_in_threads(fitted, group)) if len(group) > 1 else [fitted(group[0], alone=True)]
-                for area, (place, brighter, of_area, changes) in zip(group, made, strict=True):
+                made = list(each_in_threads(fitted, group)) if len(group) > 1 else [fitted(group[0], single=True)]
+                for area, (place, brighter, of_area, says, changes) in zip(group, made, strict=True):
                     position[area], light[area] = place, brighter
                     moved[area] |= of_area
+                    if effort.told:
+                        told[area] = says
                     for lit, counts in changes:
                         image[lit] += counts
     residual, variance = residual_of(image, pixels)
     weight, _ = pixel_weights(pixels.usable, residual, variance)
-    return Fit(of_points, position, light, image, residual, variance, weight, prior, moved, unit, kept)
+    return Fit(of_points, position, light, image, residual, variance, weight, prior, moved, unit, kept, told)
 
 
 def _of_area(
@@ -175,11 +184,12 @@ def _of_area(
     image: Array,
     effort: Effort,
     area: areas.Numbers,
-    alone: bool = False,
-) -> tuple[Array, Array, NDArray[np.bool_], list[tuple[NDArray[np.int64], Array]]]:
+    single: bool = False,
+) -> tuple[Array, Array, NDArray[np.bool_], Array, list[tuple[NDArray[np.int64], Array]]]:
     """Positions and light of the particles of an ``area``, fitted among all others, of which the ``image`` is; which
-    moved; pixels and by how many counts they change. ``alone``: no other area is fitted at once."""
-    with nullcontext() if alone else one_thread():
+    moved; what each says by itself; pixels and by how many counts they change. ``single``: no other area is fitted at
+    once."""
+    with nullcontext() if single else one_thread():
         own = of_points(position[area])
         before = lit, counts = _counts(own, -light[area])
 
@@ -189,9 +199,21 @@ def _of_area(
             return found
 
         begin = position[area], light[area], prior.of(area), iterations, own
-        parts = PARTS if alone else 1
+        parts = PARTS if single else 1
         place, brighter, moved, own = _stepped(of_points, pixels, *begin, others, effort, parts)
-        return place, brighter, moved, [before, _counts(own, brighter)]
+        numbers, of_lit = own.of_lit()
+        image_of_own, says = of_lit.image(brighter, len(numbers)), np.empty((0, 2))
+        if effort.told:
+            says = _told(of_lit, brighter, prior.of(area), pixels.among(numbers, others(numbers)), image_of_own)
+        return place, brighter, moved, says, [before, (numbers, image_of_own)]
+
+
+def _told(lights: Lights, light: Array, prior: Prior, pixels: Pixels, image: Array) -> Array:
+    """What particles say by themselves (n, 2), as ``alone``, of whose light the ``image`` is."""
+    residual, variance = residual_of(image, pixels)
+    weight, _ = pixel_weights(pixels.usable, residual, variance)
+    chi2 = np.where(pixels.usable, residual**2 / variance, np.nan)
+    return alone(lights, light, weight, chi2, prior.information(lights.unit_mm))
 
 
 def _counts(lights: Lights, light: Array) -> tuple[NDArray[np.int64], Array]:
@@ -267,14 +289,6 @@ def _stepped(
             since[anew] = 0.0
             lights = lights.replaced(anew, of_points(position[anew]))
     return position, light, ever, lights
-
-
-def with_priors(own: Array, information: Array) -> Array:
-    """What is known of particles by themselves: their ``own`` blocks (n, 4, 4) with the priors' ``information`` (n, 3)
-    on their places, and a little on all, as pixels may say nothing."""
-    known = own + LEAST_KNOWN * np.eye(4)
-    known[:, range(3), range(3)] += information
-    return known
 
 
 def _of(lights: Lights, which: NDArray[np.int64]) -> Lights:
