@@ -43,10 +43,10 @@ DECISIONS = {
     "checks": 84,
     "reconstruction": 62,
     "correlation": 76,
-    "tracking": 80,
+    "tracking": 92,
     "links": 82,
     "smoothing": 91,
-    "fields": 81,
+    "fields": 93,
     "statistics": 89,
     "device": 60,
 }
