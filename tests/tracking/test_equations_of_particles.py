@@ -147,6 +147,11 @@ def test_lists_of_other_points(scene):
     assert roomy.replaced(np.array([1, 4, 6]), lights.of(np.array([1, 4, 6]))) is roomy  # there is room
     assert (dense(roomy, roomy.gradient[:, 2]) == slopes).all()
     assert (dense(roomy, roomy.share) == every).all()
+    weight = scene[2]
+    for telling in (0.0, 0.03):  # room makes no difference
+        one, other = (normal_equations(each, light, weight, telling) for each in (lights, roomy))
+        assert (one.indices == other.indices).all()
+        assert other.data == pytest.approx(one.data, rel=1e-5, abs=1e-6 * float(np.abs(one.data).max()))
     none = roomy.replaced(np.array([2]), PointLights(CAMERA)(np.array([[9.0, 9.0, 1.0]])))  # beside the sensor
     assert (dense(none, none.share)[2] == 0.0).all()
     assert lights.image(light, PIXELS) == pytest.approx(light @ every, rel=1e-9)

@@ -74,17 +74,16 @@ def _take(
     at: int, end: int, pixel_a: NDArray[np.int32], share_a: NDArray[np.float32], gradient_a: NDArray[np.float32],
     to: int, to_end: int, pixel: NDArray[np.int32], share: NDArray[np.float32], gradient: NDArray[np.float32],
 ) -> None:  # fmt: skip
-    """Copy entries ``at`` to ``end`` to the room from ``to`` to ``to_end``; what is left of it are entries of the first
-    pixel without light."""
+    """Copy entries ``at`` to ``end`` to the room from ``to`` to ``to_end``; the rest of it has no light, in the first
+    pixel, or in the one that was there first."""
     count = min(end - at, to_end - to)
     off = at - to
     for e in range(np.uint64(to), np.uint64(to + count)):
         pixel[e], share[e] = pixel_a[e + off], share_a[e + off]
         for q in range(3):
             gradient[e, q] = gradient_a[e + off, q]
-    any_pixel = pixel_a[at] if end > at else np.int32(0)
     for e in range(np.uint64(to + count), np.uint64(to_end)):
-        pixel[e], share[e] = any_pixel, 0.0
+        pixel[e], share[e] = pixel_a[at] if end > at else pixel[to], 0.0
         for q in range(3):
             gradient[e, q] = 0.0
 

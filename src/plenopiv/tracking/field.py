@@ -119,7 +119,7 @@ def field_from_tracks(
     form, core = (nodes, divergence_free), core_mm or limits_mm
 
     def chosen(std: Array, start: float) -> tuple[float, float]:
-        """A smoothing, and the power of ten of the one that tells best, looked for from another one."""
+        """A smoothing, looked for from a power of ten, and the power that another one is looked for from."""
         of_all = information(values[used], std[used])
         own = used & within(position, core)
         if core == limits_mm or own.sum() < MANY:
@@ -129,9 +129,9 @@ def field_from_tracks(
             of_tracks = values_at(position[own], of_core, step_mm, of_nodes)
         best = _chosen(of_tracks, velocity[own], std[own], of_nodes, divergence_free, start)
         share = information(of_tracks, std[own]) / of_all
-        return share * 10.0 ** (best - UNDER), best
+        return share * 10.0 ** (best - UNDER), float(np.clip(np.floor(best), *SMOOTHINGS))
 
-    (smoothing, best), whole = chosen(std, USUAL), std
+    (smoothing, start), whole = chosen(std, USUAL), std
     around = cKDTree(position).query(position, min(AROUND, len(position)))[1]
     fit, first = None, np.empty(0)
     for again in (True, False):  # wrong links draw their neighbours along: these are taken back
@@ -147,7 +147,7 @@ def field_from_tracks(
         most = np.sqrt(OUTLYING**2 * std**2 + OF_UNRESOLVED**2 * finer)
         whole, used = np.sqrt(std**2 + finer), np.asarray((missed < most).all(1), np.bool_)
         if again:
-            smoothing, _ = chosen(whole, float(np.floor(best)))
+            smoothing, _ = chosen(whole, start)
     _check_scatter(position[used], limits_mm, step_mm)
     position, values, velocity, std, whole = (each[used] for each in (position, values, velocity, std, whole))
     noise = whole * np.random.default_rng(seed).standard_normal((REPEATS, *std.shape))

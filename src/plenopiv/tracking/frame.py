@@ -24,7 +24,8 @@ NEIGHBOURS = 12  # whose parameters are free where particles are judged on the w
 FEW = 0.01  # share of particles left out and found below which no other pass follows
 FEWEST = 0.5  # of the particles that are expected in a second frame: fewer there, and they were expected elsewhere
 LAST_STEPS = 6
-LAST, ON_THE_WAY = Effort(0.03, 0.01), Effort(1.0, 0.04, told=True)  # of the last fit, and of those before it
+FIRST, ON_THE_WAY = Effort(1.0, 0.04), Effort(1.0, 0.04, told=True)  # of the first fit, and of those after it
+LAST = Effort(0.03, 0.01)
 BEGUN = 1.5  # times the median's misfit that counts against a particle on the way, where it has only begun to fit
 FIRST_LIGHT = 0.5  # of the median particle's, of a particle that is found in what is left
 
@@ -154,8 +155,8 @@ def _in_passes(
     image, given, all_found = None, pixels, False
     off = np.full(len(light), np.nan)  # misfits, of particles that have been looked at
     for done in range(begin.passes):
-        steps = STEPS if done else begin.steps
-        fit = refine(of_points, pixels, position, light, prior, steps, ON_THE_WAY, lights, image, done)
+        steps, effort = (STEPS, ON_THE_WAY) if done else (begin.steps, FIRST)
+        fit = refine(of_points, pixels, position, light, prior, steps, effort, lights, image, done)
         pixels = with_noise(given, fit.image)
         out, pairs, half = np.zeros(len(light), bool), np.empty(0, np.int64), np.empty((0, 3))
         if done:

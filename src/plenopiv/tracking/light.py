@@ -89,8 +89,9 @@ class Lights:
         return _taken(self, others, source)
 
     def replaced(self, places: NDArray[np.int64], others: Lights) -> Lights:
-        """The same, with the points ``places`` (k,) those of ``others``: changed in place where there is room for their
-        entries, or with some more room for each of them, entries without light."""
+        """The same, with the points ``places`` (k,) those of ``others``: these lists, changed, where there is room for
+        their entries, or else new ones with more room, entries without light. Lists that share these arrays, as those
+        that are ``shifted`` from them, must not be used any more."""
         needed, room = np.diff(others.start), np.diff(self.start)
         if (needed <= room[places]).all():
             in_threads(entry_kernels.replace_entries, len(places), *_arrays(others), places, *_arrays(self))
@@ -98,8 +99,8 @@ class Lights:
         source = np.arange(len(room))
         source[places] = len(room) + np.arange(len(places))
         if not self.roomy:
-            room += ROOM[0] + room // ROOM[1]
-        room[places] = np.maximum(room[places], needed + ROOM[0] + needed // ROOM[1])
+            room = _with_room(room)
+        room[places] = np.where(needed > 0, np.maximum(room[places], _with_room(needed)), 0)
         return replace(_taken(self, others, source, room), roomy=True)
 
     def shifted(self, which: NDArray[np.int64], by_mm: Array) -> Lights:
@@ -131,6 +132,10 @@ def _taken(first: Lights, second: Lights, source: NDArray[np.int64], count: NDAr
     parts = (*_arrays(first), *_arrays(second), source.astype(np.int64), *_arrays(out))
     in_threads(entry_kernels.take_entries, len(source), *parts)
     return out
+
+
+def _with_room(count: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.where(count > 0, count + ROOM[0] + count // ROOM[1], 0)
 
 
 def _arrays(lights: Lights) -> tuple[NDArray, ...]:

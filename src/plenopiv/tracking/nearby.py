@@ -3,7 +3,7 @@
 With M factorised, others of the same penalty are c M + D, where D is information of data alone, which is cheap to
 multiply by. The solution of (c M + t D) x = b is looked for among the sums of M^-1 b, M^-1 D M^-1 b and so on (Lanczos
 1950, J. Res. Natl. Bur. Stand. 45, 255), which are the same for every c and t: one factor does for a range of
-smoothings. Each vector more takes a solution by the factor, ``reach`` times less than the factor itself.
+smoothings. Each vector more takes a solution by the factor, a fortieth of the time of the factor itself.
 """
 
 from __future__ import annotations
@@ -43,11 +43,13 @@ class Space:
         for k in range(1, MOST + 1):
             if k > self._told:
                 self._tell(k - 1)
-            share = np.linalg.solve(c * np.eye(k) + t * self._form[:k, :k], self._size * np.eye(k)[0])
-            off, most = abs(t * self._beyond[k - 1] * share[-1]), NO_MORE * min(c, 1.0) ** 0.5
+            whole = c * np.eye(k) + t * self._form[:k, :k]
+            share = np.linalg.solve(whole, self._size * np.eye(k)[0])
+            least = float(np.linalg.eigvalsh(whole)[0])  # D may be negative along some of them
+            off, most = abs(t * self._beyond[k - 1] * share[-1]), NO_MORE * max(least, 0.0) ** 0.5
             if off <= most:
                 return np.asarray(share @ self._each[:k])
-            if k >= FEW and k * np.log(self._size / most) > MOST * np.log(self._size / off):
+            if k >= FEW and (most == 0.0 or k * np.log(self._size / most) > MOST * np.log(self._size / off)):
                 return None
         return None
 
@@ -100,11 +102,11 @@ class Solved:
 
 
 class Smoothings:
-    """The solutions of ``equations`` for velocities (n, 3) with any smoothing."""
+    """The solutions of ``equations`` for velocities (n, 3) with any smoothing. One factor is kept at a time."""
 
     def __init__(self, equations: Equations, velocity: Array):
         self._equations, self._right = equations, equations.right(velocity[None])[:, 0]
-        self._spaces = dict[float, Space]()
+        self._known: tuple[float, Space] | None = None  # a smoothing, and the space of its factor
 
     def solution(self, smoothing: float) -> Array:
         """Coefficients (3, nodes).
@@ -112,16 +114,20 @@ class Smoothings:
         Raises:
             PlenoPIVError: as ``Equations.factor``.
         """
-        ways = [np.log10(smoothing / known) for known in self._spaces]
-        for way, space in sorted(zip(ways, self._spaces.values(), strict=True), key=lambda one: abs(one[0])):
-            found = space.solution(10.0**way, 1.0 - 10.0**way) if LESS <= way <= MORE else None
+        at = smoothing
+        if self._known is not None:
+            way = float(np.log10(smoothing / self._known[0]))
+            found = self._known[1].solution(10.0**way, 1.0 - 10.0**way) if LESS <= way <= MORE else None
             if found is not None:
                 return np.ascontiguousarray(found.reshape(-1, 3).T)
-        nearest = min(ways, key=abs, default=0.0)
-        at = smoothing * AHEAD ** np.sign(nearest) if abs(nearest) > FAR else smoothing
-        try:  # further on, to tell of the next ones, too
+            if abs(way) > FAR:  # further on, to tell of the next ones, too
+                at = smoothing * AHEAD ** np.sign(way)
+        self._known = None
+        try:
             factor = self._equations.factor(at)
         except PlenoPIVError:
             at, factor = smoothing, self._equations.factor(smoothing)
-        self._spaces[at] = Space(factor, self._equations.less(0.0, self._equations), self._right)
-        return self.solution(smoothing)
+        self._known = at, Space(factor, self._equations.less(0.0, self._equations), self._right)
+        if at != smoothing:
+            return self.solution(smoothing)
+        return np.ascontiguousarray(banded.solution(factor, self._right[:, None]).reshape(-1, 3).T)

@@ -121,14 +121,15 @@ def telling_entries(
     """Which entries of the particles ``begin`` to ``end`` say something: squares of derivatives over standard
     deviations, each as a share of the particle's."""
     for i in range(begin, end):
-        own_x, own_y, own_z, own_e = 0.0, 0.0, 0.0, 0.0
+        own_x, own_y, own_z, own_e, entries = 0.0, 0.0, 0.0, 0.0, 0
         for e in range(np.uint64(start[i]), np.uint64(start[i + 1])):
             square = np.float64(weight[np.uint32(pixel[e])]) ** 2
+            entries += share[e] != 0.0 or gradient[e, 2] != 0.0
             own_x += square * gradient[e, 0] ** 2
             own_y += square * gradient[e, 1] ** 2
             own_z += square * gradient[e, 2] ** 2
             own_e += square * share[e] ** 2
-        least = 4.0 * telling / max(start[i + 1] - start[i], 1)
+        least = 4.0 * telling / max(entries, 1)
         of_x, of_y, of_z, of_e = 1.0 / own_x, 1.0 / own_y, 1.0 / own_z, 1.0 / own_e
         kept = 0
         for e in range(np.uint64(start[i]), np.uint64(start[i + 1])):
@@ -137,7 +138,8 @@ def telling_entries(
                 of_x * gradient[e, 0] ** 2 + of_y * gradient[e, 1] ** 2 + of_z * gradient[e, 2] ** 2
                 + of_e * share[e] ** 2
             )  # fmt: skip
-            told[e] = not said < least  # all of them where no pixel can be used
+            lit = share[e] != 0.0 or gradient[e, 2] != 0.0  # others are room for entries
+            told[e] = lit and not said < least  # all of them where no pixel can be used
             kept += told[e]
         count[i] = kept
 

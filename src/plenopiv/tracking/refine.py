@@ -92,7 +92,7 @@ class Fit:
     ``residual``, ``variance`` and ``weight``, one over the standard deviation that it counts with, of each pixel;
     ``prior``: of the particles; ``moved`` (n,): which did not rest; ``unit_mm`` (3,): of the unknowns; ``kept``: where
     light goes, where there are not too many particles to keep that; ``told`` (n, 2): as ``alone``, when each particle's
-    area was left; none (0, 2) where it was not asked for."""
+    area was left, NaN where none was fitted; none (0, 2) where it was not asked for."""
 
     of_points: LightOfPoints
     position_mm: Array
@@ -156,7 +156,7 @@ def refine(
         kept, unit = None, of_points(position[:1]).unit_mm
         known = image_of(of_points, position, light, len(pixels.counts)) if image is None else image
         image, moved = known.copy(), np.zeros(len(light), bool)
-        told = np.empty((len(light) if effort.told else 0, 2))
+        told = np.full((len(light) if effort.told else 0, 2), np.nan)
         for number, steps in enumerate(_turns(iterations)):
             fitted = partial(_of_area, of_points, pixels, position, light, prior, steps, image, effort)
             cut = areas.areas(position[:, :2], turn + number)

@@ -26,7 +26,7 @@ from plenopiv.tracking.light_kernels import LightConstants
 from plenopiv.volume import Limits
 
 MOST = 4.0  # standard deviations that one pixel counts at most
-LEAST = 9.0  # score of a place that is worth a fit; noise alone does not reach 6
+LEAST = 9.0  # score of a place that is worth a fit; noise alone does not reach 7
 SEEN = 0.15  # share of the rays that must fall on pixels that are used
 ALONG, ACROSS = 4, 4  # places to a pitch along rows of microlenses, and to a row across them; every other row of a
 # hexagonal lattice is half a pitch beside: an even number along makes places of one grid
@@ -78,7 +78,7 @@ def places_of_light(
     k, j, i, value = k[order], j[order], i[order], value[order]
     s, t = _on_array(constants, columns[0] + i / ALONG, constants.row_spacing * (rows[0] + j / ACROSS))
     scale = camera.scale(z[k])
-    place = np.stack([s / scale, t / scale, z[k]], -1)
+    place = np.clip(np.stack([s / scale, t / scale, z[k]], -1), *np.transpose(limits_mm))
     taken = np.zeros(len(place), bool)
     if len(place):
         _highest(place[:, :2] / (APART_PITCHES * pitch), taken)
@@ -175,7 +175,7 @@ def _scores(
     limits: NDArray[np.float64], z_mm: NDArray[np.float64],  # (3, 2) mm; (planes,)
     score: NDArray[np.float32],  # (planes, rows of places, columns of places), zeros on entry, filled
 ) -> None:  # fmt: skip
-    """Scores of the planes ``begin`` to ``end``."""
+    """Scores of the planes ``begin`` to ``end``, of places within the limits or half a step beyond."""
     rays, nj, ni = views.shape
     j0, j1, i0, i1 = lenses
     width = i1 - i0
@@ -185,6 +185,7 @@ def _scores(
         distance = cam.object_distance - z_mm[k]
         a = 1.0 + cam.image_distance / distance - cam.image_distance / cam.focal
         b = -cam.image_distance / distance
+        half = 0.5 * cam.pitch / min(ALONG, ACROSS) / abs(b)
         for part in range(ALONG * ACROSS):
             p, q = part % ALONG, part // ALONG
             for r in range(rays):  # microlenses from a place's own to the one that the ray meets, of even rows
@@ -219,5 +220,6 @@ def _scores(
                     s = cam.offset_s + cam.pitch * (cam.cos * along - cam.sin * across)
                     t = cam.offset_t + cam.pitch * (cam.sin * along + cam.cos * across)
                     x, y = s / b, t / b
-                    if limits[0, 0] <= x <= limits[0, 1] and limits[1, 0] <= y <= limits[1, 1]:
+                    beside_x = max(limits[0, 0] - x, x - limits[0, 1])
+                    if max(beside_x, limits[1, 0] - y, y - limits[1, 1]) <= half:
                         score[k, line, n * ALONG + p + odd * (ALONG // 2)] = unit * total[n] / sqrt(float(seen[n]))
