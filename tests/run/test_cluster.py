@@ -73,8 +73,9 @@ def files(folder):
     lines = found["manifest.jsonl"].decode().splitlines()
     records = [{k: v for k, v in json.loads(line).items() if k != "check"} for line in lines]
     summary = json.loads(found["summary.json"])
-    for key in ("timings_s", "peak_memory_gb", "memory_estimate_gb", "time_estimate_s", "machine_speed"):
-        summary.pop(key, None)  # no speed where other machines compute
+    for key in ("timings_s", "peak_memory_gb", "memory_estimate_gb", "time_estimate_s"):
+        del summary[key]
+    summary.pop("machine_speed", None)  # there is none where other machines compute
     out = {name: content for name, content in found.items() if name not in VARYING}
     out["summary.json"] = summary
     return out | {"manifest.jsonl": [each for each in records if each.get("file") not in VARYING]}

@@ -19,7 +19,7 @@ from plenopiv.tracking.areas import areas
 from plenopiv.tracking.covariance import NEIGHBOURS, covariance_among, with_those_about
 from plenopiv.tracking.equations import own_equations
 from plenopiv.tracking.pixels import SAMPLE, Pixels, with_noise
-from plenopiv.tracking.refine import Fit, pixel_weights, residual_of
+from plenopiv.tracking.refine import Fit, chi2_of, pixel_weights, residual_of
 
 LEAST = 35.0  # by which a particle lowers chi^2
 PRESENT = 0.4  # of its expected light that a particle's pixels must hold
@@ -38,17 +38,12 @@ def errors_of(
     light in them, about 1 where the model holds. The parameters of ``neighbours`` among them that share most
     information with a particle are free as well; all others are taken as known."""
     which = np.arange(len(fit.light)) if which is None else which
-    chi2 = _of_pixels(fit, usable)
+    chi2 = chi2_of(usable, fit.residual, fit.variance)
     covariance, off = np.empty((len(which), 4, 4)), np.empty(len(which))
     for area, near, own, lights in with_those_about(fit, which):
         covariance[area] = covariance_among(fit.normal(near, lights), own, neighbours)
         off[area] = misfits(lights, chi2)[own]
     return covariance, off
-
-
-def _of_pixels(fit: Fit, usable: NDArray[np.bool_]) -> Array:
-    """Chi^2 of each pixel, NaN where it cannot be used."""
-    return np.where(usable, fit.residual**2 / fit.variance, np.nan)
 
 
 def doubtful(fit: Fit, which: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -133,14 +133,9 @@ def field_from_tracks(
 
     (smoothing, start), whole = chosen(std, USUAL), std
     around = cKDTree(position).query(position, min(AROUND, len(position)))[1]
-    fit, first = None, np.empty(0)
+    fit = Solved(Equations(values, std, *form), velocity[None], smoothing)
+    first = fit.coefficients[0]
     for again in (True, False):  # wrong links draw their neighbours along: these are taken back
-        equations = Equations(values, np.where(used[:, None], whole, np.inf), *form)
-        if fit is None:
-            fit = Solved(equations, velocity[None], smoothing)
-            first = fit.coefficients[0]
-        else:
-            first = fit.nearby(equations, velocity, smoothing)
         missed = np.abs(values @ first.T - velocity)
         usual = np.median(missed[around], 1) ** 2 / MEDIAN_SQUARE
         finer = np.maximum(usual - CHANCE * np.median(std[around], 1) ** 2, 0.0)  # than nodes
@@ -148,6 +143,8 @@ def field_from_tracks(
         whole, used = np.sqrt(std**2 + finer), np.asarray((missed < most).all(1), np.bool_)
         if again:
             smoothing, _ = chosen(whole, start)
+            of_used = Equations(values, np.where(used[:, None], whole, np.inf), *form)
+            first = fit.nearby(of_used, velocity, smoothing)
     _check_scatter(position[used], limits_mm, step_mm)
     position, values, velocity, std, whole = (each[used] for each in (position, values, velocity, std, whole))
     noise = whole * np.random.default_rng(seed).standard_normal((REPEATS, *std.shape))

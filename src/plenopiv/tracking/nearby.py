@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking import banded
-from plenopiv.tracking.splines import Equations
+from plenopiv.tracking.splines import Equations, coefficients
 
 MOST = 40  # vectors: these take as much time as a factor ...
 FEW = 8  # ... and so many tell whether they will do
@@ -83,7 +83,7 @@ class Solved:
         self._equations, self._strength = equations, smoothing * equations.unit
         self._factor, self._right = equations.factor(smoothing), equations.right(velocity)
         self._found = banded.solution(self._factor, self._right)
-        self.coefficients = np.ascontiguousarray(self._found.reshape(-1, 3, len(velocity)).T)
+        self.coefficients = coefficients(self._found)
 
     def nearby(self, equations: Equations, velocity: Array, smoothing: float) -> Array:
         """The coefficients (3, nodes) of other equations for velocities (n, 3).
@@ -97,7 +97,7 @@ class Solved:
             right = equations.right(velocity[None])[:, 0] - c * self._right[:, 0] - times(start)
             found = Space(self._factor, times, right).solution(c, 1.0)
             if found is not None:
-                return np.ascontiguousarray((start + found).reshape(-1, 3).T)
+                return coefficients((start + found)[:, None])[0]
         return equations.solution(velocity[None], smoothing)[0]
 
 
@@ -119,7 +119,7 @@ class Smoothings:
             way = float(np.log10(smoothing / self._known[0]))
             found = self._known[1].solution(10.0**way, 1.0 - 10.0**way) if LESS <= way <= MORE else None
             if found is not None:
-                return np.ascontiguousarray(found.reshape(-1, 3).T)
+                return coefficients(found[:, None])[0]
             if abs(way) > FAR:  # further on, to tell of the next ones, too
                 at = smoothing * AHEAD ** np.sign(way)
         self._known = None
@@ -130,4 +130,4 @@ class Smoothings:
         self._known = at, Space(factor, self._equations.less(0.0, self._equations), self._right)
         if at != smoothing:
             return self.solution(smoothing)
-        return np.ascontiguousarray(banded.solution(factor, self._right[:, None]).reshape(-1, 3).T)
+        return coefficients(banded.solution(factor, self._right[:, None]))[0]

@@ -191,7 +191,7 @@ def _of_area(
     once."""
     with nullcontext() if single else one_thread():
         own = of_points(position[area])
-        before = lit, counts = _counts(own, -light[area])
+        lit, counts, _ = _counts(own, -light[area])
 
         def others(which: NDArray[np.int64]) -> Array:
             found = image[which]
@@ -201,25 +201,25 @@ def _of_area(
         begin = position[area], light[area], prior.of(area), iterations, own
         parts = PARTS if single else 1
         place, brighter, moved, own = _stepped(of_points, pixels, *begin, others, effort, parts)
-        numbers, of_lit = own.of_lit()
-        image_of_own, says = of_lit.image(brighter, len(numbers)), np.empty((0, 2))
+        lit_after, counts_after, of_lit = _counts(own, brighter)
+        says = np.empty((0, 2))
         if effort.told:
-            says = _told(of_lit, brighter, prior.of(area), pixels.among(numbers, others(numbers)), image_of_own)
-        return place, brighter, moved, says, [before, (numbers, image_of_own)]
+            says = _told(of_lit, brighter, prior.of(area), pixels.among(lit_after, others(lit_after)), counts_after)
+        return place, brighter, moved, says, [(lit, counts), (lit_after, counts_after)]
 
 
 def _told(lights: Lights, light: Array, prior: Prior, pixels: Pixels, image: Array) -> Array:
     """What particles say by themselves (n, 2), as ``alone``, of whose light the ``image`` is."""
     residual, variance = residual_of(image, pixels)
     weight, _ = pixel_weights(pixels.usable, residual, variance)
-    chi2 = np.where(pixels.usable, residual**2 / variance, np.nan)
+    chi2 = chi2_of(pixels.usable, residual, variance)
     return alone(lights, light, weight, chi2, prior.information(lights.unit_mm))
 
 
-def _counts(lights: Lights, light: Array) -> tuple[NDArray[np.int64], Array]:
-    """The pixels that particles of so much ``light`` light, and their counts."""
+def _counts(lights: Lights, light: Array) -> tuple[NDArray[np.int64], Array, Lights]:
+    """The pixels that particles of so much ``light`` light, their counts, and the lights in these alone."""
     lit, of_lit = lights.of_lit()
-    return lit, of_lit.image(light, len(lit))
+    return lit, of_lit.image(light, len(lit)), of_lit
 
 
 def _turns(iterations: int) -> list[int]:
@@ -329,6 +329,11 @@ def first_light(of_points: LightOfPoints, pixels: Pixels, position_mm: Array, li
 def residual_of(image: Array, pixels: Pixels) -> tuple[Array, Array]:
     """Counts that particles, of so many counts in the ``image``, do not explain, and the variance, of each pixel."""
     return np.where(pixels.usable, pixels.counts - pixels.background - image, 0.0), pixels.variance(image)
+
+
+def chi2_of(usable: NDArray[np.bool_], residual: Array, variance: Array) -> Array:
+    """Chi^2 of each pixel, NaN where it cannot be used."""
+    return np.where(usable, residual**2 / variance, np.nan)
 
 
 def pixel_weights(usable: NDArray[np.bool_], residual: Array, variance: Array) -> tuple[Single, Single]:

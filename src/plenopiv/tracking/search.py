@@ -14,12 +14,13 @@ shifted views: images with one pixel of each microlens.
 from __future__ import annotations
 
 from math import ceil, floor, pi, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.kernels import inlined, kernel
+from plenopiv.kernels import inlined, kernel, part
 from plenopiv.lattice import nearest_lens
 from plenopiv.threads import in_threads
 from plenopiv.tracking.light_kernels import LightConstants
@@ -95,7 +96,8 @@ def _lenses(camera: PlenopticCamera, cam: LightConstants, limits_mm: Limits) -> 
     return rows, (floor(along.min() - 0.5), floor(along.max()) + 1)
 
 
-def _on_array(cam: LightConstants, along: Array, across: Array) -> tuple[Array, Array]:
+@part
+def _on_array(cam: LightConstants, along: Any, across: Any) -> tuple[Any, Any]:
     """(s, t) in mm of places on the regular lattice, in pitches."""
     return (
         cam.offset_s + cam.pitch * (cam.cos * along - cam.sin * across),
@@ -186,8 +188,8 @@ def _scores(
         a = 1.0 + cam.image_distance / distance - cam.image_distance / cam.focal
         b = -cam.image_distance / distance
         half = 0.5 * cam.pitch / min(ALONG, ACROSS) / abs(b)
-        for part in range(ALONG * ACROSS):
-            p, q = part % ALONG, part // ALONG
+        for kind in range(ALONG * ACROSS):
+            p, q = kind % ALONG, kind // ALONG
             for r in range(rays):  # microlenses from a place's own to the one that the ray meets, of even rows
                 u, v = ray[r, 0], ray[r, 1]
                 along = p / ALONG + a * (cam.cos * u + cam.sin * v) / cam.pitch
@@ -217,8 +219,7 @@ def _scores(
                     if seen[n] <= SEEN * rays:
                         continue
                     along = i0 + n + p / ALONG + 0.5 * odd
-                    s = cam.offset_s + cam.pitch * (cam.cos * along - cam.sin * across)
-                    t = cam.offset_t + cam.pitch * (cam.sin * along + cam.cos * across)
+                    s, t = _on_array(cam, along, across)
                     x, y = s / b, t / b
                     beside_x = max(limits[0, 0] - x, x - limits[0, 1])
                     if max(beside_x, limits[1, 0] - y, y - limits[1, 1]) <= half:

@@ -46,8 +46,7 @@ class Equations:
         Raises:
             PlenoPIVError: as ``factor``.
         """
-        found = banded.solution(self.factor(smoothing), self.right(velocity))
-        return np.ascontiguousarray(found.reshape(-1, 3, len(velocity)).T)
+        return coefficients(banded.solution(self.factor(smoothing), self.right(velocity)))
 
     def factor(self, smoothing: float) -> Array:
         """Cholesky's factor of the equations, as ``banded.factor`` has it.
@@ -82,6 +81,11 @@ class Equations:
             return of_data.ravel() + ridge * x
 
         return times
+
+
+def coefficients(unknowns: Array) -> Array:
+    """Coefficients (k, 3, nodes) of the ``unknowns`` (3 nodes, k) of equations."""
+    return np.ascontiguousarray(unknowns.reshape(-1, 3, unknowns.shape[1]).T)
 
 
 def information(values: csr_array, std: Array) -> float:
