@@ -23,11 +23,16 @@ def camera_of(kind):
     return small_camera(kind, microlenses=(57, 46), rotation_rad=0.002, offset_mm=(0.02, -0.01))
 
 
-def frame_and_projector(blur_mm, kind="hexagonal", lit_mm=VOLUME_MM, seed=0, ppm=1.0):
-    """A frame of particles in ``lit_mm`` through a camera of a blur, and a projector that takes it as sharp."""
+def frame_and_projector(blur_mm, kind="hexagonal", lit_mm=VOLUME_MM, seed=0, ppm=1.0, brighter=()):
+    """A frame of particles in ``lit_mm`` through a camera of a blur, and a projector that takes it as sharp.
+    ``brighter``: which share of the particles has how many times the light of the others."""
     camera, rng = camera_of(kind), np.random.default_rng(seed)
     light = {"electrons": None, "electrons_per_pixel": 400.0, "electrons_spread": 0.25}
     particles = seed_box(camera, lit_mm, ppm, rng, **light)
+    if brighter:
+        share, times = brighter
+        few = np.random.default_rng(seed + 9).random(len(particles.electrons)) < share
+        particles = replace(particles, electrons=np.where(few, times, 1.0) * particles.electrons)
     image = particle_image(replace(camera, blur_mm=blur_mm), particles, rays=1000, seed=seed)
     frame = digitise(image + 4.0, camera.sensor, SensorNoise(), rng)
     where, grid = layout(camera), VoxelGrid.covering(*VOLUME_MM, (0.017, 0.017, 0.077))
@@ -57,6 +62,18 @@ def test_no_blur_is_found_where_there_is_none(kind, seed):
     found = lens_blur(*frame_and_projector(0.0, kind, seed=seed))
     assert found.beyond_doubt(0.077) == 0.0
     assert found.blur_mm < 0.01
+
+
+@pytest.mark.parametrize(
+    "blur_mm", [0.02, pytest.param(0.0, marks=pytest.mark.full), pytest.param(0.04, marks=pytest.mark.full)]
+)
+def test_saturated_particles_do_not_look_like_blur(blur_mm):
+    """28 um of 20 were found, and 47 of 40."""
+    frame, projector = frame_and_projector(blur_mm, brighter=(0.003, 100.0))
+    sensor = frame.layout.camera.sensor
+    assert np.count_nonzero(frame.values >= sensor.full_scale - sensor.black_level) > 100
+    found = lens_blur(frame, projector)
+    assert found.beyond_doubt(0.077) == pytest.approx(blur_mm, rel=0.1)
 
 
 @pytest.mark.full

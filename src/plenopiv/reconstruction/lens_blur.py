@@ -12,8 +12,9 @@ deviation that leaves the least is the blur. Views differ in every baseline, so 
 
 Where light ends, because a laser sheet is narrower than the volume, say, pixels correlate over all lags, the less the
 further they are apart, and that looks like blur. So microlenses near such edges are left out, and the mean light about
-each pixel is taken off. What is still common to all lags is left out too. Particles of finite size blur as well, by a
-quarter of their diameter's image, and are taken for the lens.
+each pixel is taken off. What is still common to all lags is left out too. A saturated pixel does not show how bright
+the middle of a particle is, which then looks wider; its microlens and those beside it are left out. Particles of finite
+size blur as well, by a quarter of their diameter's image, and are taken for the lens.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ from plenopiv.lightfield import Layout, LightField
 from plenopiv.projection.plenoptic.blurred import sharp_tables
 from plenopiv.projection.plenoptic.geometry import CameraConstants, Plane, camera_constants, column_of, planes
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
+from plenopiv.reconstruction.noise import with_neighbours
+from plenopiv.sensor import at_full_scale
 from plenopiv.volume import VoxelGrid
 
 FARTHEST = 3.2  # pitches: the longest lag
@@ -92,6 +95,7 @@ def lens_blur(lightfield: LightField, projector: PlenopticProjector) -> LensBlur
     inside = np.zeros((where.views, where.nj, where.ni), bool)
     for view in views:
         inside[view] = projector.rays_inside_grid(int(view)).reshape(where.nj, where.ni)
+    inside &= ~with_neighbours(at_full_scale(lightfield.values, where.camera.sensor).any(0).reshape(where.nj, where.ni))
     if inside[views].sum(0).max() == 0 or inside[views].any(0).sum() < FEWEST:
         return None
     values, inside = where_evenly_lit(lightfield.values.reshape(inside.shape), inside)

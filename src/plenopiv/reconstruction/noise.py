@@ -129,3 +129,10 @@ def _near_full_scale(values: NDArray[np.float32], sensor: Sensor) -> NDArray[np.
 
     full = at_full_scale(values, sensor)
     return binary_dilation(full, np.ones((1, 2 * BESIDE + 1))) if full.any() else full
+
+
+def with_neighbours(microlenses: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """These of the microlenses (row, microlens), and those beside them."""
+    from scipy.ndimage import binary_dilation
+
+    return np.asarray(binary_dilation(microlenses, np.ones((3, 3), bool)))
