@@ -24,9 +24,9 @@ from plenopiv.reconstruction.candidates import (
     dark_to_light,
     lit_threshold,
     most_light,
-    typical_particle,
 )
 from plenopiv.reconstruction.noise import Noise, counts_per_electron, dark_noise
+from plenopiv.reconstruction.typical_particle import typical_particle
 from plenopiv.run.calibrated import calibrated_camera
 from plenopiv.volume import SparseVolume
 

@@ -16,12 +16,11 @@ from plenopiv.reconstruction.candidates import (
     faintest_share,
     lit_threshold,
     most_light,
-    typical_particle,
 )
 from plenopiv.reconstruction.noise import Noise, dark_noise
 from plenopiv.reconstruction.reconstruct import reconstruct
 from plenopiv.reconstruction.settings import ReconstructionSettings
-from plenopiv.volume import SparseVolume, VoxelGrid
+from plenopiv.volume import VoxelGrid
 
 WHERE = layout(small_camera("square", pmr=8))
 GRID = VoxelGrid.covering((-0.2, 0.2), (-0.2, 0.2), (-1, 1), (0.044, 0.044, 0.1))
@@ -59,48 +58,6 @@ def test_fainter_particles_are_looked_for_where_few_pixels_are_lit():
     found = [faintest_share(field(1.1 * LONE * particle * where), particle) for where in lit.values()]
     assert found == [LONE, pytest.approx(0.5 * (LONE + CROWDED), rel=0.05), CROWDED]
     assert faintest_share(field(0.9 * LONE * particle * lit[2 * CROWD]), particle) == LONE  # haze is no particle
-
-
-def frame_of_particles(rng, share, brightness):
-    """A frame of particles in a ``share`` of the voxels, ``brightness(n)`` counts each, with noise; its projector, and
-    the particles' light."""
-    where = layout(small_camera("hexagonal", pmr=8, microlenses=(40, 34)))
-    grid = VoxelGrid.covering((-0.8, 0.8), (-0.7, 0.7), (-2, 2), (0.022, 0.022, 0.1))
-    projector = PlenopticProjector(where, grid, "exact")
-    volume = SparseVolume.from_mask(grid, rng.random(grid.shape) < share)
-    light = brightness(volume.column.size)
-    volume = volume.with_values(light.astype(np.float32))
-    values = np.array([projector.forward(view, volume) for view in range(projector.views)])
-    values = 0.4 * rng.poisson(values / 0.4) + rng.normal(0, 2.0, values.shape)
-    return LightField(where, np.where(where.seen, values, 0).astype(np.float32)), projector, light
-
-
-@pytest.mark.parametrize("spread", [0.0, 0.5])
-@pytest.mark.parametrize("share", [0.002, 0.01])
-def test_brightness_of_a_typical_particle(share, spread):
-    """<E^2>/<E> from the pixels alone, whatever the density, shot and read noise taken out."""
-    rng = np.random.default_rng(0)
-    lightfield, projector, light = frame_of_particles(
-        rng, share, lambda n: 20_000.0 * (1 + spread * rng.uniform(-1.0, 1.0, n))
-    )
-    want = np.mean(light**2) / np.mean(light)
-    assert typical_particle(lightfield, projector, Noise(2.0, 0.4)) == pytest.approx(want, rel=0.1)
-
-
-@pytest.mark.parametrize(("share", "few", "brighter"), [(0.003, 0.01, 30.0), (0.01, 0.01, 30.0), (0.003, 0.003, 100.0)])
-def test_a_few_particles_far_brighter_are_not_typical(share, few, brighter):
-    """With them <E^2>/<E> is 7 to 27 times the light of all others."""
-    rng = np.random.default_rng(0)
-    lightfield, projector, light = frame_of_particles(
-        rng, share, lambda n: 2000.0 * np.where(rng.random(n) < few, brighter, 1.0)
-    )
-    assert np.mean(light**2) / np.mean(light) > 6 * 2000.0
-    assert typical_particle(lightfield, projector, Noise(2.0, 0.4)) == pytest.approx(2000.0, rel=0.1)
-
-
-def test_no_typical_particle_where_no_pixel_sees_the_volume_alone():
-    grid = VoxelGrid.covering((-0.05, 0.05), (-0.05, 0.05), (-3, 3), (0.022, 0.022, 0.1))
-    assert typical_particle(field(np.ones(WHERE.seen.shape)), PlenopticProjector(WHERE, grid), Noise(0.0)) == 0.0
 
 
 def test_a_frame_without_particles():

@@ -11,8 +11,8 @@ from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.checks.findings import Finding
 from plenopiv.lightfield import LightField
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
-from plenopiv.reconstruction.candidates import typical_particle
 from plenopiv.reconstruction.noise import Noise, dark_noise
+from plenopiv.reconstruction.typical_particle import typical_particle
 from plenopiv.sensor import Sensor
 
 CLIPPED_SHARE = 1e-4  # of a frame's pixels at the highest count, from which a recording is warned about

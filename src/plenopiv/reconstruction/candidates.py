@@ -25,8 +25,9 @@ from plenopiv.lightfield import LightField
 from plenopiv.projection.pinhole.projector import PinholeProjector
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.projection.protocol import Projection
-from plenopiv.reconstruction.noise import Noise, with_neighbours
+from plenopiv.reconstruction.noise import Noise
 from plenopiv.reconstruction.settings import ReconstructionSettings
+from plenopiv.reconstruction.typical_particle import typical_particle
 from plenopiv.sensor import at_full_scale
 from plenopiv.volume import SparseVolume
 
@@ -35,9 +36,6 @@ BRIGHT_SHARE = 0.03  # and this share of what the image's bright pixels (90th pe
 NOISE_MARGIN = 2.0  # standard deviations
 LONE, CROWDED = 0.2, 0.4  # share of the typical particle that the faintest one holds, in the dark and in a crowd
 CROWD = 0.3  # share of the pixels that are lit from which on particles crowd
-STEP = 8  # microlenses: a particle's light in one view spreads less far
-FAR_BRIGHTER = 4.0  # times the typical particle in focus: pixels that only others, or a crowd, make so bright
-FEW, FAINTER = 0.6, 0.6  # of the microlenses with such pixels, at most; and of the typical particle without them
 CLEARLY = 2.0  # thresholds: noise alone does not reach so high
 FEWEST_LIT = 1e-4  # share of such pixels below which a frame counts as empty
 LIT_SHARE = 0.05  # of what the light's pixels hold on average: a lit pixel of a pinhole camera has more
@@ -184,57 +182,6 @@ def faintest_share(lightfield: LightField, particle: float) -> float:
     """
     lit = float(np.mean(lightfield.values[lightfield.layout.seen] > LONE * particle))
     return LONE + (CROWDED - LONE) * min(lit / CROWD, 1.0)
-
-
-def typical_particle(lightfield: LightField, projector: PlenopticProjector, noise: Noise) -> float:
-    """Light of a particle, in counts, all its pixels together, from the pixels' variance and mean.
-
-    Particles strewn at random with density n give a pixel the mean n <E> sum(w) and the variance n <E^2> sum(w^2)
-    (Campbell's theorem), sums over the volume. Their ratio is <E^2>/<E>, the typical brightness of those that carry the
-    light, whatever n is. The variance is taken between microlenses STEP apart along a row, which removes a slowly
-    varying illumination, and over pixels that see the volume alone and are not saturated.
-
-    A few particles far brighter than the others, aggregates say, carry little of the light and most of its variance.
-    Microlenses with pixels FAR_BRIGHTER than the typical particle in focus, and those about them, are left out where
-    they are FEW and the typical particle is far FAINTER without them; in a crowd neither is so.
-    """
-    where = lightfield.layout
-    typical = _of_microlenses(lightfield, projector, noise, np.ones((where.nj, where.ni), bool))
-    bright = (lightfield.values > FAR_BRIGHTER * typical * projector.light_in_focus).any(0).reshape(where.nj, where.ni)
-    if typical > 0 and bright.any():
-        others = ~with_neighbours(bright)
-        if others.mean() >= 1.0 - FEW:
-            without = _of_microlenses(lightfield, projector, noise, others)
-            return without if 0 < without < FAINTER * typical else typical
-    return typical
-
-
-def _of_microlenses(
-    lightfield: LightField, projector: PlenopticProjector, noise: Noise, which: NDArray[np.bool_]
-) -> float:
-    """<E^2>/<E> of the particles that the microlenses ``which`` (nj, ni) show, 0 where they show none."""
-    where = lightfield.layout
-    total, squares, _ = projector.weight_sums().T
-    light = projector.light_of_planes().astype(np.float64)
-    step_sums, mean_sums, static_sums, count = 0.0, 0.0, 0.0, 0
-    for view in projector.whole_views:
-        values = lightfield.values[view].reshape(where.nj, where.ni)
-        inside = which & projector.rays_inside_grid(int(view)).reshape(where.nj, where.ni)
-        inside &= ~at_full_scale(values, where.camera.sensor)
-        both = inside[:, STEP:] & inside[:, :-STEP]
-        a, b = values[:, STEP:][both].astype(np.float64), values[:, :-STEP][both]
-        step_sums += float(np.sum((a - b) ** 2))
-        mean_sums += float(np.sum(a + b))
-        count += a.size
-        if noise.background is not None:
-            behind = noise.background[view].reshape(where.nj, where.ni)
-            static_sums += float(np.sum(np.maximum(behind[:, STEP:][both], 0.0), dtype=np.float64))
-    if not count or mean_sums <= 0:
-        return 0.0
-    mean = 0.5 * mean_sums / count
-    variance = 0.5 * step_sums / count - noise.dark**2 - noise.counts_per_electron * (mean + static_sums / count)
-    typical = variance / mean * (light @ total) / (light**2 @ squares)
-    return max(float(typical), 0.0)
 
 
 def lit_above(values: NDArray[np.float32], noise: Noise) -> float:
