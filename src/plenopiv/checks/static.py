@@ -85,10 +85,11 @@ def spot(a: NDArray, b: NDArray, sensor: Sensor, pitch_px: float, particle: floa
         "static-light",
         "warning",
         f"static light: a spot of {top:.0f} counts is in both frames at (column, row) = ({column}, {row}), where a "
-        f"particle in focus gives {particle:.0f}: a reflection?",
+        f"particle in focus gives {particle:.0f}: a reflection, or an aggregate?",
         top,
         "counts",
-        "mask it (recording.mask), or name images of the light without particles in recording.background",
+        "if other frames have it too, mask it (recording.mask), or name images of the light without particles in "
+        "recording.background",
     )
 
 
