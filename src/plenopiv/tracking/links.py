@@ -19,11 +19,10 @@ from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import cKDTree
 
 from plenopiv.reconstruction.noise import MAD_TO_STD
+from plenopiv.tracking.assignment import cheapest_partners
 from plenopiv.tracking.frame import FrameParticles
 
 GATE = 25.0  # cost of a particle that is not linked: 4 degrees of freedom exceed it once in 20,000
@@ -33,10 +32,7 @@ NEIGHBOURS = 20  # linked particles around, whose departures from the predictor 
 WIDE = 9.0  # times the median of variances
 LEAST_LOCAL = 0.5  # of the scatter over all particles that it has about each
 RIDGE = 0.5  # of slopes against neighbours: fewer than some of them on one side make no slope
-LOCAL, LOCAL_STD = (
-    0.8,
-    1.28,
-)  # so many of a particle's neighbours depart less, a normal distribution's standard deviations
+LOCAL, LOCAL_STD = 0.8, 1.28  # so many of a particle's neighbours depart less; the standard deviations of a normal one
 COVERED, COVERED_STD = 0.95, 1.96  # the scatter is that of a normal distribution with the same 95 %
 AT_A_TIME = 1000  # particles whose candidates are held
 LIGHT_STD = 0.1  # of ln light between frames beyond the covariances: light sheets are not quite even
@@ -165,12 +161,7 @@ def cheapest(
     n, m = len(first.light), len(second.light)
     if len(a) == 0:
         return Links(a, b, cost, scatter)
-    # each particle may stay alone at the price of the gate: a column of its own
-    rows, columns = np.concatenate([a, np.arange(n)]), np.concatenate([b, m + np.arange(n)])
-    price = np.concatenate([cost, np.full(n, GATE)]) + 1.0
-    taken_row, taken = min_weight_full_bipartite_matching(csr_array((price, (rows, columns)), shape=(n, m + n)))
-    partner = np.full(n, -1)
-    partner[taken_row] = np.where(taken < m, taken, -1)
+    partner = cheapest_partners(a, b, cost, n, m, GATE)
     chosen = partner[a] == b
     clear = _clear(a, b, cost, chosen, n, m)
     a, b, cost = a[chosen & clear], b[chosen & clear], cost[chosen & clear]
