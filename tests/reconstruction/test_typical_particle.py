@@ -4,11 +4,23 @@ import numpy as np
 import pytest
 from oracles.cameras import small_camera
 
-from plenopiv.lightfield import LightField, layout
+from plenopiv.lightfield import LightField, decode, layout
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction import typical_particle as of_typical
 from plenopiv.reconstruction.noise import Noise
-from plenopiv.reconstruction.typical_particle import Differences, exponent, moments, relative_spread, typical_particle
+from plenopiv.reconstruction.typical_particle import (
+    BLOCKS,
+    FEWEST,
+    Differences,
+    differences,
+    exponent,
+    moments,
+    relative_spread,
+    typical_particle,
+)
+from plenopiv.simulation.images import particle_image
+from plenopiv.simulation.particles import seed_box
+from plenopiv.simulation.sensor_noise import SensorNoise, digitise
 from plenopiv.volume import SparseVolume, VoxelGrid
 
 NOISE = Noise(2.0, 0.4)
@@ -34,6 +46,19 @@ def log_normal(rng, spread, mean=4000.0):
     return lambda n: mean * np.exp(sigma * rng.standard_normal(n) - 0.5 * sigma**2)
 
 
+def recording(lit, ppm, spread=0.25, stray=0.0):
+    """A frame of particles of 400 electrons in a pixel in focus, in the share ``lit`` of a volume along x and y, and
+    its projector."""
+    camera, limits = small_camera("hexagonal", microlenses=(57, 46)), ((-1.7, 1.7), (-1.3, 1.3), (-2.5, 2.5))
+    rng, shares = np.random.default_rng(1), (*lit, 1.0)
+    seeded = tuple((share * lo, share * hi) for share, (lo, hi) in zip(shares, limits, strict=True))
+    particles = seed_box(camera, seeded, ppm, rng, electrons_per_pixel=400.0, electrons_spread=spread)
+    image = particle_image(camera, particles, rays=500, seed=1) + stray
+    where, grid = layout(camera), VoxelGrid.covering(*limits, (0.017, 0.017, 0.077))
+    lightfield = decode(digitise(image, camera.sensor, SensorNoise(0.4, 5.0), rng), where)
+    return lightfield, PlenopticProjector(where, grid, "1-ray")
+
+
 @pytest.mark.parametrize("spread", [0.0, 0.5])
 @pytest.mark.parametrize("share", [0.002, 0.01])
 def test_brightness_of_a_typical_particle(share, spread):
@@ -43,15 +68,15 @@ def test_brightness_of_a_typical_particle(share, spread):
         rng, share, lambda n: 20_000.0 * (1 + spread * rng.uniform(-1.0, 1.0, n))
     )
     want = np.mean(light**2) / np.mean(light)
+    assert typical_particle(lightfield, projector, NOISE) == moments(lightfield, projector, NOISE).light
     assert typical_particle(lightfield, projector, NOISE) == pytest.approx(want, rel=0.1)
 
 
-@pytest.mark.parametrize("share", [0.002, 0.01])
 @pytest.mark.parametrize("spread", [1.0, 2.0])
-def test_where_particles_differ_widely_the_mean_is_typical(share, spread):
+def test_where_particles_differ_widely_the_mean_is_typical(spread):
     """<E^2>/<E> is 2 to 5 times the mean."""
     rng = np.random.default_rng(1)
-    lightfield, projector, light = frame_of_particles(rng, share, log_normal(rng, spread))
+    lightfield, projector, light = frame_of_particles(rng, 0.01, log_normal(rng, spread))
     assert np.mean(light**2) / np.mean(light) ** 2 > 1.8
     assert typical_particle(lightfield, projector, NOISE) == pytest.approx(np.mean(light), rel=0.25)
 
@@ -60,8 +85,8 @@ def test_where_particles_differ_widely_the_mean_is_typical(share, spread):
 def test_the_spread_is_found(spread):
     rng = np.random.default_rng(2)
     lightfield, projector, _ = frame_of_particles(rng, 0.004, log_normal(rng, spread))
-    every = np.ones((lightfield.layout.nj, lightfield.layout.ni), bool)
-    found = relative_spread(lightfield, projector, NOISE, moments(lightfield, projector, NOISE, every), every)
+    between = differences(lightfield, projector)
+    found = relative_spread(between, projector, NOISE, moments(lightfield, projector, NOISE))
     assert found == pytest.approx(spread, rel=0.25, abs=0.5 if spread == 0 else 0.0)
 
 
@@ -94,7 +119,7 @@ def test_characteristic_function_of_pixels_that_particles_light_at_random(spread
         owner = np.repeat(np.arange(2 * n), number.ravel())
         light = rng.poisson(log_normal(rng, spread, 600.0)(owner.size) * weight[k] / 0.5) * 0.5
         pixel += np.bincount(owner, light, 2 * n).reshape(2, n)
-    measured = exponent(Differences(pixel[0] - pixel[1], np.zeros(n, int)), turn)
+    measured = exponent(Differences(pixel[0] - pixel[1], pixel[1], np.zeros(n, int)), turn)
     expected = density @ of_typical._turned(turn, 600.0, spread, weight, 0.5)
     assert measured == pytest.approx(expected, rel=0.02)
 
@@ -107,9 +132,40 @@ def test_a_small_turn_tells_the_second_moment_and_equal_light_its_cosine():
 
 
 def test_blocks_of_different_density_count_by_their_mean():
-    """As if a sheet of light ended within the field: differences of the dark half do not make particles differ."""
     rng, n = np.random.default_rng(4), 200_000
-    dense, dark = rng.normal(0, 2.0, n), rng.normal(0, 0.1, n)
-    block = np.repeat([0, 7], n)
-    measured = exponent(Differences(np.concatenate([dense, dark]), block), 0.5)
-    assert measured == pytest.approx(0.5 * 0.5 * (0.25 * (4.0 + 0.01)) / 2, rel=0.02)
+    dense, thin = rng.normal(0, 2.0, n), rng.normal(0, 1.0, n)
+    between = Differences(np.concatenate([dense, thin]), np.zeros(2 * n), np.repeat([0, 7], n))
+    assert exponent(between, 0.5) == pytest.approx(0.5 * 0.5**2 * (4.0 + 1.0) / 2 / 2, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("lit", "ppm"), [((1.0, 0.25), 4.0), ((1.0, 0.33), 4.0), ((0.25, 1.0), 1.0), ((1.0, 0.7), 4.0)]
+)
+def test_a_sheet_narrower_than_the_field_does_not_make_particles_differ(lit, ppm):
+    lightfield, projector = recording(lit, ppm)
+    assert not differences(lightfield, projector).even
+    assert typical_particle(lightfield, projector, NOISE) == moments(lightfield, projector, NOISE).light
+
+
+@pytest.mark.parametrize("stray", [0.0, 8.0, 32.0])
+def test_stray_light_does_not_make_particles_differ(stray):
+    lightfield, projector = recording((1.0, 1.0), 1.0, stray=stray)
+    assert differences(lightfield, projector).even
+    assert typical_particle(lightfield, projector, NOISE) == moments(lightfield, projector, NOISE).light
+
+
+@pytest.mark.parametrize("stray", [0.0, 32.0])
+def test_stray_light_is_no_light_of_particles_that_differ_widely(stray):
+    """Its mean is twice the particles'."""
+    lightfield, projector = recording((1.0, 1.0), 1.0, spread=1.0, stray=stray)
+    light = typical_particle(lightfield, projector, NOISE) * projector.light_in_focus
+    assert light == pytest.approx(0.4 * 400.0, rel=0.2)
+
+
+def test_few_differences_and_dark_blocks_are_not_asked():
+    block, level = np.arange(FEWEST) % BLOCKS**2, np.ones(FEWEST)
+    assert Differences(np.zeros(FEWEST), level, block).even
+    assert not Differences(np.zeros(FEWEST - 1), level[1:], block[1:]).even
+    assert not Differences(np.zeros(FEWEST), np.where(block < 5, 0.3, 1.0), block).even
+    assert Differences(np.zeros(FEWEST), np.where(block < 3, 0.3, 1.0), block).even
+    assert not Differences(np.zeros(FEWEST), np.where(block < 30, 0.3, 1.0), block).even

@@ -12,7 +12,7 @@ from plenopiv.checks.findings import Finding
 from plenopiv.lightfield import LightField
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.noise import Noise, dark_noise
-from plenopiv.reconstruction.typical_particle import typical_particle
+from plenopiv.reconstruction.typical_particle import moments
 from plenopiv.sensor import Sensor
 
 CLIPPED_SHARE = 1e-4  # of a frame's pixels at the highest count, from which a recording is warned about
@@ -60,7 +60,7 @@ def light_of(lightfield: LightField, projector: PlenopticProjector, counts_per_e
     noise = Noise(dark_noise(lightfield), counts_per_electron)
     total, squares, _ = projector.weight_sums().T
     share = projector.light_of_planes().astype(np.float64)
-    particle = typical_particle(lightfield, projector, noise)
+    particle = moments(lightfield, projector, noise).light
     through = [lightfield.values[view][projector.rays_inside_grid(int(view))] for view in projector.whole_views]
     values = np.concatenate(through)  # of pixels that see nothing but the volume
     if values.size == 0:

@@ -13,8 +13,9 @@ deviation that leaves the least is the blur. Views differ in every baseline, so 
 Where light ends, because a laser sheet is narrower than the volume, say, pixels correlate over all lags, the less the
 further they are apart, and that looks like blur. So microlenses near such edges are left out, and the mean light about
 each pixel is taken off. What is still common to all lags is left out too. A saturated pixel does not show how bright
-the middle of a particle is, which then looks wider; its microlens and those beside it are left out. Particles of finite
-size blur as well, by a quarter of their diameter's image, and are taken for the lens.
+the middle of a particle is, which then looks wider; its microlens and those beside it are left out, where these are
+few: a few particles far brighter than the others outweigh them, many that are alike do not. Particles of finite size
+blur as well, by a quarter of their diameter's image, and are taken for the lens.
 """
 
 from __future__ import annotations
@@ -49,6 +50,9 @@ PHASES = 8  # pairs of microlenses, for each lag, whose phases the model takes
 LEAST, SURE = 0.13, 3.0  # pitches and error bars below which a blur is none: of sharp lenses up to 0.11 is found
 USUAL = 0.2  # left of the correlations of a thousand microlenses and more, at most
 FEWEST = 200  # microlenses whose rays stay in the volume, and that are evenly lit
+CLIPPED = (
+    0.3  # of the microlenses, at most, are left out for saturated pixels: with more, those in focus would be missing
+)
 NEAR, LIT = 3, 0.6  # microlenses on each side; light is even where their mean is this much of the brightest's (90 %)
 ABOUT = 7  # microlenses on each side over which the mean light is taken off: farther than the longest lag
 FEWEST_ACROSS, FEWEST_ROWS = 13, 9  # microlenses of a sensor that has some with all lags about them
@@ -95,7 +99,9 @@ def lens_blur(lightfield: LightField, projector: PlenopticProjector) -> LensBlur
     inside = np.zeros((where.views, where.nj, where.ni), bool)
     for view in views:
         inside[view] = projector.rays_inside_grid(int(view)).reshape(where.nj, where.ni)
-    inside &= ~with_neighbours(at_full_scale(lightfield.values, where.camera.sensor).any(0).reshape(where.nj, where.ni))
+    clipped = with_neighbours(at_full_scale(lightfield.values, where.camera.sensor).any(0).reshape(where.nj, where.ni))
+    if clipped[inside.any(0)].mean() < CLIPPED:
+        inside &= ~clipped
     if inside[views].sum(0).max() == 0 or inside[views].any(0).sum() < FEWEST:
         return None
     values, inside = where_evenly_lit(lightfield.values.reshape(inside.shape), inside)

@@ -30,7 +30,10 @@ FAR_BRIGHTER = 4.0  # times the typical particle in focus: pixels that only othe
 LEFT = 0.4  # of the microlenses, at least, without such pixels
 FAINTER = 0.6  # of the typical particle, at most, that is left without them: less differs by degrees
 SAMPLE = 500_000  # differences, evenly spaced, of which the characteristic function is taken
-BLOCKS = 6  # along each side of the field: light and density may differ between them
+FEWEST = 3000  # differences that tell a spread
+BLOCKS = 6  # along each side of the field: light and density may differ a little between them ...
+DARKEST, BRIGHTEST, DARKER = 0.1, 0.9, 0.4  # ... these quantiles of their light at most by this factor
+LOWEST, BELOW_MEAN = 2.0, 2.05  # per cent of the pixels, the darkest, and how far below its mean a normal one begins
 LEVEL = 0.7  # of the characteristic function of differences, where it is compared
 FARTHEST = 3.0  # radians, at most, by which a typical particle in focus turns it there
 SPREADS = np.linspace(0.0, 2.5, 51)  # relative standard deviations of log-normal light that are compared
@@ -48,12 +51,27 @@ class Moments(NamedTuple):
     light: float
     noise: float
 
+    def without(self, stray: float) -> Moments:
+        """The same without ``stray`` counts in each pixel that are not of particles."""
+        mean = self.mean - stray
+        return self._replace(mean=mean, light=self.light * self.mean / mean)
+
 
 class Differences(NamedTuple):
-    """Between pixels of microlenses STEP apart: ``counts`` (n,), and ``block`` (n,), in which part of the field."""
+    """Between pixels of microlenses STEP apart: ``counts`` (n,), those of the second, ``first`` (n,), and ``block``
+    (n,), in which part of the field."""
 
     counts: Array
+    first: Array
     block: NDArray[np.int64]
+
+    @property
+    def even(self) -> bool:
+        """Whether there are FEWEST at least, of blocks that are about as bright as each other."""
+        count = np.bincount(self.block, minlength=BLOCKS**2)
+        means = np.bincount(self.block, self.first, BLOCKS**2)[count > 0] / count[count > 0]
+        dark, bright = np.quantile(means, (DARKEST, BRIGHTEST)) if len(means) else (0.0, 0.0)
+        return len(self.counts) >= FEWEST and bool(dark > DARKER * bright)
 
 
 def typical_particle(lightfield: LightField, projector: PlenopticProjector, noise: Noise) -> float:
@@ -65,24 +83,47 @@ def typical_particle(lightfield: LightField, projector: PlenopticProjector, nois
     row, which removes a slowly varying illumination, and over pixels that see the volume alone and are not saturated.
     """
     where = lightfield.layout
-    every = np.ones((where.nj, where.ni), bool)
-    found = moments(lightfield, projector, noise, every)
+    found = moments(lightfield, projector, noise)
     if found.light == 0:
         return 0.0
-    spread = relative_spread(lightfield, projector, noise, found, every)
-    if spread < WIDE:
+    mean = wide_mean(lightfield, projector, noise, found)
+    if mean is None:
         return found.light
     bright = (lightfield.values > FAR_BRIGHTER * found.light * projector.light_in_focus).any(0)
     others = ~with_neighbours(bright.reshape(where.nj, where.ni))
     if others.mean() >= LEFT and not others.all():
         without = moments(lightfield, projector, noise, others)
         if 0 < without.light < FAINTER * found.light:
-            found, spread = without, relative_spread(lightfield, projector, noise, without, others)
-    return found.light if spread < WIDE else found.light / (1.0 + spread**2)
+            return wide_mean(lightfield, projector, noise, without, others) or without.light
+    return mean
 
 
-def moments(lightfield: LightField, projector: PlenopticProjector, noise: Noise, which: NDArray[np.bool_]) -> Moments:
-    """Of the microlenses ``which`` (nj, ni)."""
+def wide_mean(
+    lightfield: LightField,
+    projector: PlenopticProjector,
+    noise: Noise,
+    found: Moments,
+    which: NDArray[np.bool_] | None = None,
+) -> float | None:
+    """The mean light of particles in counts where they differ WIDEly, None where they do not. ``found``: of the same
+    microlenses ``which`` (nj, ni), None for all. Where the field is lit unevenly that is not asked: parts with and
+    without light look like bright particles and faint ones. Nor does light count that even the darkest pixels have: it
+    may be stray light."""
+    between = differences(lightfield, projector, which)
+    if not between.even:
+        return None
+    darkest = float(np.percentile(between.first, LOWEST)) + BELOW_MEAN * noise.dark
+    if darkest >= found.mean:
+        return None
+    particles = found.without(max(darkest, 0.0))
+    spread = relative_spread(between, projector, noise, particles)
+    return particles.light / (1.0 + spread**2) if spread >= WIDE else None
+
+
+def moments(
+    lightfield: LightField, projector: PlenopticProjector, noise: Noise, which: NDArray[np.bool_] | None = None
+) -> Moments:
+    """Of the microlenses ``which`` (nj, ni), None for all."""
     where = lightfield.layout
     total, squares, _ = projector.weight_sums().T
     light = projector.light_of_planes().astype(np.float64)
@@ -105,12 +146,9 @@ def moments(lightfield: LightField, projector: PlenopticProjector, noise: Noise,
     return Moments(mean, max(float(typical), 0.0), of_others)
 
 
-def relative_spread(
-    lightfield: LightField, projector: PlenopticProjector, noise: Noise, found: Moments, which: NDArray[np.bool_]
-) -> float:
+def relative_spread(between: Differences, projector: PlenopticProjector, noise: Noise, found: Moments) -> float:
     """Standard deviation of the light of particles over its mean, were it log-normal, at most the last of SPREADS.
-    ``found``: of the same microlenses."""
-    between = differences(lightfield, projector, which)
+    ``found``: of the same microlenses as the differences ``between`` them."""
     total, squares, _ = projector.weight_sums().T
     light = projector.light_of_planes().astype(np.float64)
     lit, weight = total**2 / squares, light * squares / total  # as if all that a plane's particle lights were even
@@ -131,18 +169,23 @@ def _turned(turn: float, mean: float, spread: float, weight: Array, counts_per_e
     return np.asarray(NORMAL[1] / NORMAL[1].sum() @ (1.0 - np.cos(turn * light) * shot), np.float64)
 
 
-def differences(lightfield: LightField, projector: PlenopticProjector, which: NDArray[np.bool_]) -> Differences:
-    """SAMPLE of them, at most, of the microlenses ``which`` (nj, ni)."""
-    where, counts, blocks = lightfield.layout, [], []
+def differences(
+    lightfield: LightField, projector: PlenopticProjector, which: NDArray[np.bool_] | None = None
+) -> Differences:
+    """About SAMPLE of them, or all, of the microlenses ``which`` (nj, ni), None for all."""
+    where = lightfield.layout
     block = np.add.outer(np.arange(where.nj) * BLOCKS // where.nj * BLOCKS, np.arange(where.ni) * BLOCKS // where.ni)
-    views = projector.whole_views
-    step = max(len(views) * where.nj * where.ni // SAMPLE, 1)
-    for number, view in enumerate(views):
-        values, both = _pairs(lightfield, projector, int(view), which)
+    pairs = [_pairs(lightfield, projector, int(view), which) for view in projector.whole_views]
+    step = max(sum(np.count_nonzero(both) for _, both in pairs) // SAMPLE, 1)
+    counts, first, blocks = [], [], []
+    for number, (values, both) in enumerate(pairs):
         some = slice(number % step, None, step)
-        counts.append((values[:, STEP:][both][some] - values[:, :-STEP][both][some]).astype(np.float64))
+        first.append(values[:, :-STEP][both][some].astype(np.float64))
+        counts.append(values[:, STEP:][both][some] - first[-1])
         blocks.append(block[:, STEP:][both][some])
-    return Differences(np.concatenate(counts), np.concatenate(blocks))
+    if not pairs:
+        return Differences(np.empty(0), np.empty(0), np.empty(0, np.int64))
+    return Differences(np.concatenate(counts), np.concatenate(first), np.concatenate(blocks))
 
 
 def exponent(between: Differences, turn: float) -> float:
@@ -150,7 +193,7 @@ def exponent(between: Differences, turn: float) -> float:
     of_block = np.bincount(between.block, minlength=BLOCKS**2)
     sums = np.bincount(between.block, np.cos(turn * between.counts), BLOCKS**2)
     some = of_block > 0
-    least = 1.0 / of_block[some]  # of very few, or very dense ones: as much as chance leaves
+    least = 1.0 / of_block[some]  # a mean may by chance be none, or less
     return float(-0.5 * np.average(np.log(np.maximum(sums[some] / of_block[some], least)), weights=of_block[some]))
 
 
@@ -164,11 +207,12 @@ def _turn(counts: Array, most: float) -> float:
 
 
 def _pairs(
-    lightfield: LightField, projector: PlenopticProjector, view: int, which: NDArray[np.bool_]
+    lightfield: LightField, projector: PlenopticProjector, view: int, which: NDArray[np.bool_] | None
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """The values (nj, ni) of one view, and which of them (nj, ni - STEP), and those STEP before, count."""
     where = lightfield.layout
     values = lightfield.values[view].reshape(where.nj, where.ni)
-    inside = which & projector.rays_inside_grid(view).reshape(where.nj, where.ni)
-    inside &= ~at_full_scale(values, where.camera.sensor)
+    inside = projector.rays_inside_grid(view).reshape(where.nj, where.ni) & ~at_full_scale(values, where.camera.sensor)
+    if which is not None:
+        inside &= which
     return values, inside[:, STEP:] & inside[:, :-STEP]
