@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import cKDTree
 
+from plenopiv.tracking.assignment import cheapest_partners
 from plenopiv.tracking.evidence import errors_of
 from plenopiv.tracking.light import LightOfPoints
 from plenopiv.tracking.pixels import Pixels
@@ -30,13 +29,7 @@ def matched(truth_mm: Array, found_mm: Array, voxel_mm: Array) -> NDArray[np.int
     off = found[f] - truth[t]
     kept = (np.hypot(off[:, 0], off[:, 1]) <= ACROSS) & (np.abs(off[:, 2]) <= DEEP)
     t, f, off = t[kept], f[kept], off[kept]
-    n, m = len(truth), len(found)
-    rows, columns = np.concatenate([t, np.arange(n)]), np.concatenate([f, m + np.arange(n)])
-    price = 1e-6 + np.concatenate([((off * scale) ** 2).sum(1), np.full(n, ALONE)])
-    row, column = min_weight_full_bipartite_matching(csr_array((price, (rows, columns)), shape=(n, m + n)))
-    out = np.full(n, -1, np.int64)
-    out[row] = np.where(column < m, column, -1)
-    return out
+    return cheapest_partners(t, f, ((off * scale) ** 2).sum(1), len(truth), len(found), ALONE)
 
 
 def bound_mm(of_points: LightOfPoints, pixels: Pixels, truth_mm: Array, light: Array) -> Array:
