@@ -12,14 +12,12 @@ from plenopiv.checks.findings import Finding
 from plenopiv.lightfield import LightField
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction.noise import Noise, dark_noise
-from plenopiv.reconstruction.typical_particle import moments
+from plenopiv.reconstruction.typical_particle import BELOW_MEAN, LOWEST, moments
 from plenopiv.sensor import Sensor
 
 CLIPPED_SHARE = 1e-4  # of a frame's pixels at the highest count, from which a recording is warned about
 CLIPPED_BADLY = 0.2  # up to a tenth is measured as well as if it were not (docs/uncertainty.md), with a third RMS grows
 FAINTEST = 4.0  # of its noise that a particle in focus gives a pixel; 80 electrons at read noise 5 are 8
-LOWEST = 2.0  # per cent: the darkest pixels under microlenses
-BELOW_MEAN = 2.05  # standard deviations by which these lie below the mean of dark pixels (normal distribution)
 STRAY = 0.25  # background over what a particle in focus gives a pixel
 BELOW_BLACK = 0.8  # median over RMS of values below the black level; of noise about it 0.67
 BELOW_COUNTS, BELOW_SHARE = 4.0, 0.01  # RMS and share of pixels from which the black level counts as too high

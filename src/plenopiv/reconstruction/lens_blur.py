@@ -50,9 +50,7 @@ PHASES = 8  # pairs of microlenses, for each lag, whose phases the model takes
 LEAST, SURE = 0.13, 3.0  # pitches and error bars below which a blur is none: of sharp lenses up to 0.11 is found
 USUAL = 0.2  # left of the correlations of a thousand microlenses and more, at most
 FEWEST = 200  # microlenses whose rays stay in the volume, and that are evenly lit
-CLIPPED = (
-    0.3  # of the microlenses, at most, are left out for saturated pixels: with more, those in focus would be missing
-)
+CLIPPED = 0.3  # of the microlenses, at most, are left out for saturated pixels: more would be those in focus
 NEAR, LIT = 3, 0.6  # microlenses on each side; light is even where their mean is this much of the brightest's (90 %)
 ABOUT = 7  # microlenses on each side over which the mean light is taken off: farther than the longest lag
 FEWEST_ACROSS, FEWEST_ROWS = 13, 9  # microlenses of a sensor that has some with all lags about them
@@ -100,7 +98,7 @@ def lens_blur(lightfield: LightField, projector: PlenopticProjector) -> LensBlur
     for view in views:
         inside[view] = projector.rays_inside_grid(int(view)).reshape(where.nj, where.ni)
     clipped = with_neighbours(at_full_scale(lightfield.values, where.camera.sensor).any(0).reshape(where.nj, where.ni))
-    if clipped[inside.any(0)].mean() < CLIPPED:
+    if np.count_nonzero(clipped & inside.any(0)) < CLIPPED * np.count_nonzero(inside.any(0)):
         inside &= ~clipped
     if inside[views].sum(0).max() == 0 or inside[views].any(0).sum() < FEWEST:
         return None
