@@ -46,6 +46,35 @@ def by_depth(cases: dict[str, Any], names: Sequence[str]) -> str:
     return table(("abs(z)", f"{own}, voxel", *heads), rows)
 
 
+DEPTHS = {
+    "within": "to 6 mm",
+    "within, smooth": "to 6 mm, smooth flow",
+    "beyond": "beyond 6 mm",
+    "all": "all depths",
+}
+
+
+def two_cameras(cases: dict[str, Any]) -> str:
+    """RMS errors against the window mean, mm/s, with sub-windows and without, of one camera, two, and Tomo-PIV."""
+    rows = []
+    for band, words in DEPTHS.items():
+        cells = []
+        for name in ("light_field", "two", "matched"):
+            whole, inner = (cases[name + end]["errors"]["window_mean"][band]["rms_mm_s"] for end in ("", "_inner"))
+            cells.append(f"{three(inner, 1)} ({three(whole, 1)})")
+        rows.append((words, *cells))
+    return table(("abs(z)", "one camera", "two cameras", "Tomo-PIV, matched"), rows)
+
+
+def coverage(cases: dict[str, dict[str, Any]]) -> str:
+    """Errors within one and two standard deviations, sub-windows, of the light-field cases ``cases`` by their words."""
+    rows = []
+    for words, case in cases.items():
+        bands = (case["errors"]["window_mean"][band] for band in ("within", "within, smooth", "beyond"))
+        rows.append((words, *(f"{inside(band, 1)}, {inside(band, 2)}" for band in bands)))
+    return table(("within 1, 2 std (%), x / y / z", "to 6 mm", "to 6 mm, smooth flow", "beyond 6 mm"), rows)
+
+
 def in_voxels(cases: dict[str, Any], names: Sequence[str]) -> str:
     """RMS errors against the window mean, voxels, and gross vectors."""
     found = [cases[name]["errors"]["window_mean"] for name in names]
@@ -80,18 +109,12 @@ def once(cases: dict[str, Any], names: Sequence[str] = (*WINDOWS, *INNER)) -> st
 
 def by_method(cases: dict[str, Any]) -> str:
     """RMS errors against the window mean in mm/s, a row for each method and its windows, and what it takes."""
-    bands = {
-        "within": "to 6 mm",
-        "within, smooth": "to 6 mm, smooth flow",
-        "beyond": "beyond 6 mm",
-        "all": "all depths",
-    }
     rows = []
     for name, case in ((name, cases[name]) for own in TITLES for name in (own, f"{own}_inner") if name in cases):
-        errors = (three(case["errors"]["window_mean"][band]["rms_mm_s"], 1) for band in bands)
+        errors = (three(case["errors"]["window_mean"][band]["rms_mm_s"], 1) for band in DEPTHS)
         minutes = f"{sum(case['processor_s'].values()) / 60:.0f}; {case['peak_gb']:.1f}"
         rows.append((title(name), str(case["vectors"]), *errors, vorticity(case), minutes))
-    return table(("", "vectors", *bands.values(), "vorticity, 1/s", "processor min; GB"), rows)
+    return table(("", "vectors", *DEPTHS.values(), "vorticity, 1/s", "processor min; GB"), rows)
 
 
 def inside(errors: dict[str, Any], stds: int) -> str:

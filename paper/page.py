@@ -1,4 +1,4 @@
-"""Write the tables of docs/paper.md from paper/results:  page.py
+"""Write the tables of docs/paper.md, and the jet's of docs/uncertainty.md, from paper/results:  page.py
 
 Only what stands between two marks, <!-- name: begin --> and <!-- name: end -->, is replaced.
 """
@@ -16,7 +16,7 @@ import comparison_tables
 from outputs import table, three
 
 ROOT = Path(__file__).parents[1]
-PAGE, RESULTS = ROOT / "docs" / "paper.md", ROOT / "paper" / "results"
+DOCS, RESULTS = ROOT / "docs", ROOT / "paper" / "results"
 CAMERAS = ("pmr8", "pmr14", "pmr28")
 
 
@@ -155,6 +155,14 @@ def needed_beyond() -> str:
     return table(("ppm", "illuminated, z in mm", "sub-windows", "4 to 6 mm", "6 to 8 mm", "8 to 10 mm"), rows)
 
 
+def jet_coverage() -> str:
+    """How often errors of LF-PIV in the jet are within their error bars."""
+    of = {"of the jet's cut": "comparison", "of all of the paper's volume": "comparison-full"}
+    return comparison_tables.coverage(
+        {words: results(name)["cases"]["light_field_inner"] for words, name in of.items()}
+    )
+
+
 def comparison_full() -> str:
     """LF-PIV in all of the paper's volume."""
     return comparison_tables.in_voxels(results("comparison-full")["cases"], ("light_field", "light_field_inner"))
@@ -201,18 +209,23 @@ TABLES = {
     "comparison full methods": lambda: comparison_tables.by_method(results("comparison-full")["cases"]),
     "ghosts": ghosts,
     "comparison once": lambda: comparison_tables.once(results("comparison")["cases"]),
+    "comparison two": lambda: comparison_tables.two_cameras(results("comparison")["cases"]),
     "needed tracks": needed_tracks,
     "needed windows": needed_windows,
     "needed beyond": needed_beyond,
 }
 
 
+PAGES = {"paper.md": TABLES, "uncertainty.md": {"jet": jet_coverage}}
+
+
 def main() -> None:
     """Write all tables whose numbers are there."""
-    text = PAGE.read_text()
-    for name, make in TABLES.items():
-        text = fill(text, name, make())
-    PAGE.write_text(text)
+    for page, tables in PAGES.items():
+        text = (DOCS / page).read_text()
+        for name, make in tables.items():
+            text = fill(text, name, make())
+        (DOCS / page).write_text(text)
 
 
 if __name__ == "__main__":

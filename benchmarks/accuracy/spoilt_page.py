@@ -13,7 +13,7 @@ Written by `benchmarks/accuracy/spoilt.py`. One recording of four pairs (800 x 6
 one way at a time and given to `plenopiv run`. RMS: of the errors, over that of the same particles unspoilt, the largest
 of the three axes, *none* where all vectors are gross errors; *as if unspoilt* is at most 1.15 and no gross errors more.
 A warning counts where it names the cause. *Silent* are those that no image can show: the orientation of all images,
-swapped pulses, dt, magnification and pixel pitch together, microlens focal length and aperture together.
+swapped pulses, dt, microlens focal length and aperture together.
 """
 WORDS = 160  # of a message that are shown
 
