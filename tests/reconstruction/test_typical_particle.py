@@ -7,14 +7,17 @@ from oracles.cameras import small_camera
 from plenopiv.lightfield import LightField, decode, layout
 from plenopiv.projection.plenoptic.projector import PlenopticProjector
 from plenopiv.reconstruction import typical_particle as of_typical
-from plenopiv.reconstruction.noise import Noise
+from plenopiv.reconstruction.noise import Noise, dark_noise
 from plenopiv.reconstruction.typical_particle import (
     BLOCKS,
     FEWEST,
+    LOWEST,
     Differences,
+    Moments,
     differences,
     exponent,
     moments,
+    of_all_pixels,
     relative_spread,
     typical_particle,
 )
@@ -160,6 +163,28 @@ def test_stray_light_is_no_light_of_particles_that_differ_widely(stray):
     lightfield, projector = recording((1.0, 1.0), 1.0, spread=1.0, stray=stray)
     light = typical_particle(lightfield, projector, NOISE) * projector.light_in_focus
     assert light == pytest.approx(0.4 * 400.0, rel=0.2)
+
+
+@pytest.mark.parametrize(("ppm", "spread"), [(0.1, 0.0), (0.1, 0.5), (0.25, 0.25), (0.25, 0.5)])
+def test_nor_does_stray_light_in_thin_seeding(ppm, spread):
+    """No pixel is dark enough to tell the noise of a dark one."""
+    lightfield, projector = recording((1.0, 1.0), ppm, spread, stray=64.0)
+    noise = Noise(dark_noise(lightfield), 0.4)
+    assert differences(lightfield, projector).even
+    assert typical_particle(lightfield, projector, noise) == moments(lightfield, projector, noise).light
+
+
+@pytest.mark.parametrize("stray", [0.0, 1.0, 30.0, 400.0])
+@pytest.mark.parametrize("noise", [Noise(0.3, 0.4), Noise(2.0, 0.4), Noise(2.0, 0.0)])
+def test_counts_that_all_pixels_have(stray, noise):
+    std = np.hypot(noise.dark, np.sqrt(noise.counts_per_electron * stray))
+    lowest = np.percentile(np.random.default_rng(5).normal(stray, std, 400_000), LOWEST)
+    assert of_all_pixels(lowest, noise) == pytest.approx(stray, abs=0.03 * std + 1.2 * noise.counts_per_electron)
+    assert of_all_pixels(-30.0, noise) == 0.0
+
+
+def test_stray_light_that_is_taken_off_leaves_its_noise():
+    assert Moments(10.0, 300.0, 4.0).without(5.0, 0.4) == (5.0, 600.0, 6.0)
 
 
 def test_few_differences_and_dark_blocks_are_not_asked():

@@ -34,6 +34,7 @@ FEWEST = 3000  # differences that tell a spread
 BLOCKS = 6  # along each side of the field: light and density may differ a little between them ...
 DARKEST, BRIGHTEST, DARKER = 0.1, 0.9, 0.4  # ... these quantiles of their light at most by this factor
 LOWEST, BELOW_MEAN = 2.0, 2.05  # per cent of the pixels, the darkest, and how far below its mean a normal one begins
+MOSTLY_STRAY = 0.5  # of all light: more, and what particles differ by is lost in its noise
 LEVEL = 0.7  # of the characteristic function of differences, where it is compared
 FARTHEST = 3.0  # radians, at most, by which a typical particle in focus turns it there
 SPREADS = np.linspace(0.0, 2.5, 51)  # relative standard deviations of log-normal light that are compared
@@ -51,10 +52,11 @@ class Moments(NamedTuple):
     light: float
     noise: float
 
-    def without(self, stray: float) -> Moments:
-        """The same without ``stray`` counts in each pixel that are not of particles."""
+    def without(self, stray: float, counts_per_electron: float) -> Moments:
+        """The same without ``stray`` counts in each pixel that are not of particles: their shot noise is noise."""
         mean = self.mean - stray
-        return self._replace(mean=mean, light=self.light * self.mean / mean)
+        noise = self.noise + counts_per_electron * stray
+        return self._replace(mean=mean, light=self.light * self.mean / mean, noise=noise)
 
 
 class Differences(NamedTuple):
@@ -108,16 +110,24 @@ def wide_mean(
     """The mean light of particles in counts where they differ WIDEly, None where they do not. ``found``: of the same
     microlenses ``which`` (nj, ni), None for all. Where the field is lit unevenly that is not asked: parts with and
     without light look like bright particles and faint ones. Nor does light count that even the darkest pixels have: it
-    may be stray light."""
+    may be stray light. Where most of all light is, nothing is asked, either."""
     between = differences(lightfield, projector, which)
     if not between.even:
         return None
-    darkest = float(np.percentile(between.first, LOWEST)) + BELOW_MEAN * noise.dark
-    if darkest >= found.mean:
+    stray = of_all_pixels(float(np.percentile(between.first, LOWEST)), noise)
+    if stray > MOSTLY_STRAY * found.mean:
         return None
-    particles = found.without(max(darkest, 0.0))
+    particles = found.without(stray, noise.counts_per_electron)
     spread = relative_spread(between, projector, noise, particles)
     return particles.light / (1.0 + spread**2) if spread >= WIDE else None
+
+
+def of_all_pixels(lowest: float, noise: Noise) -> float:
+    """Counts that even the darkest pixels have, of which the least are the ``lowest``: these are as far below as noise
+    makes one in fifty, shot noise of the counts themselves among it."""
+    shot = 0.5 * BELOW_MEAN * noise.counts_per_electron
+    std = shot + np.sqrt(max(shot**2 + noise.dark**2 + noise.counts_per_electron * lowest, 0.0))
+    return max(lowest + BELOW_MEAN * max(float(std), noise.dark), 0.0)
 
 
 def moments(
