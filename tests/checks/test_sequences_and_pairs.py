@@ -175,6 +175,13 @@ def test_a_frame_that_is_there_twice(recording):
     assert "a.tif and b.tif are one image, down to its noise" in wrong(found)["same-frame"].words
 
 
+def test_blank_frames_alike_are_no_copies_of_each_other(recording):
+    """They cannot be used, each for itself; whatever else the recording holds can."""
+    for name in "ab":
+        tifffile.imwrite(recording / f"{name}.tif", np.full_like(tifffile.imread(recording / "a.tif"), 60))
+    assert one_image(recording) == []
+
+
 @pytest.mark.parametrize("gain", [0.5, 0.83, 2.0])
 def test_a_frame_that_is_there_twice_on_another_scale(recording, gain):
     counts = tifffile.imread(recording / "a.tif")
