@@ -64,6 +64,7 @@ def test_ends_of_links_that_are_not_in_the_volume_leave_the_others_as_they_are()
     np.testing.assert_allclose(whole.u.values, [0.5, 0.5, 0.5, 0.2, 0.5, 0.5])
     assert joined([inside[1].isel(obs=[0])]).track_id.values.tolist() == [0]
     assert joined([first.isel(obs=[7])]).track_id.values.tolist() == [0]
+    assert joined([first.isel(obs=[]), second.isel(obs=[])]).sizes["obs"] == 0
 
 
 def test_vtk_reads_tracks_back(tracks, tmp_path):

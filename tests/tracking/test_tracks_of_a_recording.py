@@ -194,6 +194,37 @@ def test_a_recording_that_is_unusable_is_not_tracked_unasked(recording, tmp_path
             assert made.attrs["quality"] == "forced"
 
 
+def test_too_few_links_for_a_field_are_tracks_all_the_same(recording, tmp_path, capsys, monkeypatch):
+    """Of one pair and of a series. A field of before is gone then, and what is complete stays so."""
+    folder, tracks = recording
+
+    def failing(*arguments):
+        raise PlenoPIVError("too few")
+
+    out = tmp_path / "out" / "tracking"
+    pair = with_keys(folder, "pair.toml", tmp_path / "out")
+    assert main(["track", str(pair)]) == 0
+    assert (out / "velocity.nc").exists()
+    monkeypatch.setattr(track_pair, "velocity_of_tracks", failing)
+    capsys.readouterr()
+    for _ in range(2):
+        assert main(["track", "--overwrite", str(pair)]) == 3
+        said = capsys.readouterr().out
+        assert "no field of its tracks: too few" in said
+        assert "displacements of up to (" in said
+        assert "velocity.nc" not in said
+        assert not (out / "velocity.nc").exists()
+    assert main(["track", str(pair)]) == 3
+    assert xarray.load_dataset(tmp_path / "out" / "tracks.nc").equals(tracks)
+    series = with_keys(folder, "abab.toml", tmp_path / "two", recording={"frames": ["a.tif", "b.tif", "c.tif"]})
+    shutil.copy(folder / "a.tif", folder / "c.tif")
+    assert main(["--json", "track", "--force", str(series)]) == 3
+    facts = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert facts["velocity"] is None
+    assert len(facts["set_aside"]) == 2
+    assert xarray.load_dataset(tmp_path / "two" / "tracks.nc").sizes["obs"] > tracks.sizes["obs"]
+
+
 def test_a_pair_of_a_series_that_is_unusable_is_set_aside(recording, tmp_path, capsys, monkeypatch):
     """So is one whose links make no field, but its tracks are there."""
     folder, _ = recording

@@ -6,6 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
+import tifffile
 import tomli_w
 import xarray
 from experiment_files import with_keys
@@ -164,8 +165,9 @@ def test_later_frames_are_not_reconstructed(sequence, tmp_path):
 
 
 def test_a_jump_in_time_is_said_and_tracked_anew(sequence, tmp_path, monkeypatch):
-    """The last two frames show other particles: the first of them is reconstructed, and so is no other. The run is
-    ended in the last frame and goes on: what was said before is in the summary. A pair without a field is set aside."""
+    """The last two frames show other particles: the first of them is reconstructed, and so is the other, as no track
+    tells velocities yet. The run is ended in the last frame and goes on: what was said before is in the summary. A pair
+    without a field is set aside."""
     folder, _, _ = sequence
     names = [f"frame-{k:03d}.tif" for k in range(6)]
     simulate_sequence(
@@ -205,6 +207,47 @@ def test_a_jump_in_time_is_said_and_tracked_anew(sequence, tmp_path, monkeypatch
     before, after = (set(ids[(frame == k) & (ids >= 0)]) for k in (5, 6))
     assert len(before & after) < 0.15 * len(before)
     assert (frame == 6).sum() > 50
+
+
+def test_after_lost_frames_velocities_are_learnt_anew(sequence, tmp_path):
+    """Three frames are blank: the frames after them have no tracks that tell how particles move."""
+    folder, truth, _ = sequence
+    names = [f"frame-{k:03d}.tif" for k in range(FRAMES)]
+    for k in (4, 5, 6):
+        names[k] = f"blank-{k}.tif"
+        tifffile.imwrite(folder / names[k], np.full((320, 320), 60, np.uint16))
+    path = with_keys(
+        folder, "lost.toml", tmp_path / "out", tracking={"method": "multi-frame"}, recording={"frames": names}
+    )
+    with pytest.warns(match="blank"):
+        track(Experiment.load(path))
+    tracks = xarray.load_dataset(tmp_path / "out" / "tracks.nc")
+    ids, frame = tracks.track_id.values, tracks.frame.values
+    assert set(frame) == {0, 1, 2, 3, 7, 8}
+    place = np.stack([tracks[name].values for name in "xyz"], -1)
+    inside = (np.abs(truth[7:]) < (0.6, 0.6, 1.6)).all((0, 2)) & (np.abs(truth[7:, :, 2]) > 0.5).all(0)
+    found = [np.flatnonzero(frame == k) for k in (7, 8)]
+    of = [nearest(truth[k][inside], place[own]) for k, own in zip((7, 8), found, strict=True)]
+    both = (of[0] >= 0) & (of[1] >= 0)
+    assert both.mean() > 0.85
+    before, after = (ids[own[partner[both]]] for own, partner in zip(found, of, strict=True))
+    assert ((before == after) & (before >= 0)).mean() > 0.9
+    field = xarray.load_dataset(tmp_path / "out" / "tracking" / "velocity.nc").isel(time=7)
+    z, y, x = np.meshgrid(field.z, field.y, field.x, indexing="ij")
+    true = FLOW(np.stack([x, y, z], -1).reshape(-1, 3)).reshape(*x.shape, 3)
+    for axis, name in enumerate("uvw"):
+        off = (field[name].values - true[..., axis])[field.valid.values == 1]
+        assert np.sqrt((off**2).mean()) < 0.15 * np.sqrt((true[..., axis] ** 2).mean()) + 4e-3, name
+
+
+def test_what_is_said_is_what_the_file_holds(sequence):
+    folder, _, tracks = sequence
+    summary = json.loads((folder / "results" / "tracking" / "summary.json").read_text())
+    assert sum(summary["particles"].values()) == tracks.sizes["obs"]
+    ids, frame = tracks.track_id.values, tracks.frame.values
+    for k, linked in enumerate(summary["linked"]):
+        here, there = (set(ids[(frame == each) & (ids >= 0)]) for each in (k, k + 1))
+        assert linked == len(here & there)
 
 
 def test_pairs_of_pulses_are_refused(sequence, tmp_path):

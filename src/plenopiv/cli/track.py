@@ -30,13 +30,12 @@ def track(file: Path, overwrite: bool, where: Where = (None, None, None, None), 
         *set_aside(aside, pairs),
         f"{sum(counts)} particles in {len(counts)} frames, {sum(summary['linked'])} links in {pairs} "
         f"pair{'s'[: pairs != 1]}; median standard deviation ({std}) um along (x, y, z)",
-        f"{result.path}",
-        f"{result.velocity}",
+        *(f"{path}" for path in (result.path, result.velocity) if path is not None),
     ]
     facts = {
         "quality": summary["quality"],
         "tracks": str(result.path),
-        "velocity": str(result.velocity),
+        "velocity": None if result.velocity is None else str(result.velocity),
         "particles": counts,
         "linked": summary["linked"],
         "set_aside": aside,

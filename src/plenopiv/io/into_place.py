@@ -34,7 +34,7 @@ def move_into_place(made: Manifest, work: Path, directory: Path) -> None:
         for name in names:
             os.replace(work / name, directory / name)
         if before is not None:
-            for name in files_of(before) - listed - set(LAST):
+            for name in files_of(before) - listed - {manifests.NAME}:
                 (directory / name).unlink(missing_ok=True)
         for folder in {(directory / name).parent for name in names} | {directory}:
             sync_names(folder)

@@ -45,9 +45,9 @@ from plenopiv.run.series import keep_unchanged
 from plenopiv.run.stored import times_of
 from plenopiv.run.target import target_calibration
 from plenopiv.run.track_frame import FrameTracker, TrackedFrame, own_tracks
-from plenopiv.run.track_pair import TrackJob, tracks_file
+from plenopiv.run.track_pair import TrackJob, field_file, tracks_file
 from plenopiv.run.track_sequence import METHOD, SequenceJob, check_sequence
-from plenopiv.run.track_smooth import SmoothSequence, source
+from plenopiv.run.track_smooth import SmoothSequence, counted, source
 from plenopiv.run.versions import versions
 from plenopiv.run.workers import Pool, Workers, started
 from plenopiv.run.written import not_in_images
@@ -70,10 +70,11 @@ log = logging.getLogger("plenopiv")
 
 @dataclass(frozen=True)
 class TrackResult:
-    """What was written: ``path`` of tracks.nc and ``velocity`` of the field; ``summary``, as summary.json holds it."""
+    """What was written: ``path`` of tracks.nc and ``velocity`` of the field, None where too few tracks make none;
+    ``summary``, as summary.json holds it."""
 
     path: Path
-    velocity: Path
+    velocity: Path | None
     summary: dict[str, Any]
 
 
@@ -139,7 +140,7 @@ def track(
             if not is_whole(path, summary["tracks_sha256"]):
                 smooth = _smooth(folder, recording, table)
                 write_tracks(path, _tracks(folder, recording, chain, smooth, summary["quality"]))
-            return TrackResult(path, folder.directory / "velocity.nc", summary)
+            return TrackResult(path, _velocity(path), summary)
         tracker = FrameTracker(chain, recording, table.wavelength_nm)
         _tell_memory(tracker, pool)
         records: Iterator[PairRecord]
@@ -174,7 +175,13 @@ def track(
             raise
         said = [*told.said, *(str(one.message) for one in caught)]
         summary = _put_together(folder, recording, chain, table, judgement, path, said, clock, inputs, report)
-    return TrackResult(path, path.parent / FOLDER / "velocity.nc", summary)
+    return TrackResult(path, _velocity(path), summary)
+
+
+def _velocity(path: Path) -> Path | None:
+    """The field that belongs to ``path`` of tracks.nc, if there is one."""
+    velocity = path.parent / FOLDER / "velocity.nc"
+    return velocity if velocity.exists() else None
 
 
 def _in_turn(job: TrackJob, numbers: Sequence[int], clock: Clock, report: Progress) -> Iterator[PairRecord]:
@@ -214,44 +221,48 @@ def _put_together(
     records = [folder.finished[number] for number in range(len(recording.pairs))]
     good = [record for record in records if record["set_aside"] is None]
     tracked = [record for record in records if "particles" in record["numbers"]]
-    if not good:
+    if not tracked:
         folder.discard()
         raise PlenoPIVError(f"no pair can be tracked: {records[0]['set_aside']}")
-    files, fields = ["summary.json"], dict[int, Path]()
+    files = ["summary.json"]
     with clock("links and field"):
         smooth = _smooth(folder, recording, table)
-    if smooth is not None:
-        with clock("links and field"):
+        if smooth is None:
+            fields = {r["pair"]: folder.there(field_file(r["pair"], len(records))) for r in good}
+        else:
             quality = {record["pair"]: judgement.pairs.quality(record["findings"]) for record in good}
             fields, without = smooth.write_fields(quality, folder, chain, table, report)
             records = [record | {"set_aside": without.get(record["pair"], record["set_aside"])} for record in records]
             files += [pair_file(number) for number in fields]
-    elif len(records) > 1:
-        fields = {record["pair"]: folder.there(pair_file(record["pair"])) for record in good}
     said_of_all = judgement.summary(records)
-    if len(records) > 1:
+    tracks = _tracks(folder, recording, chain, smooth, said_of_all["quality"])
+    if not np.isfinite(tracks["u"].values).any():
+        folder.discard()
+        raise PlenoPIVError(f"no pair can be tracked: {records[0]['set_aside']}")
+    if fields and len(records) > 1:
         like = read_velocity(next(iter(fields.values())))
         like.attrs = {key: value for key, value in like.attrs.items() if key not in OF_A_PAIR}
         write_series(folder.path("velocity.nc"), like, times_of(recording), fields, {"quality": said_of_all["quality"]})
         files.append("velocity.nc")
-    moved = [
-        largest(read_velocity(each), chain.grid.voxel_mm, recording.dt_s)
-        for each in fields.values() or [folder.there("velocity.nc")]
-    ]
-    tracks = _tracks(folder, recording, chain, smooth, said_of_all["quality"])
+    measured = map(read_velocity, fields.values()) if fields else [tracks]
+    moved = [largest(each, chain.grid.voxel_mm, recording.dt_s) for each in measured]
     staged = folder.directory / f".{FILE}.part"  # the old ones stay until all else is there
     write_tracks(staged, tracks)
     names = recording.names
     particles = {
         names[k]: n for r in tracked for k, n in zip(recording.pairs[r["pair"]], r["numbers"]["particles"], strict=True)
     }
+    linked = [r["numbers"].get("linked", 0) for r in records]
+    if smooth is not None:  # smooth tracks are fewer: outlying ones are left out
+        counts, linked = counted(tracks, len(recording))
+        particles = {name: n for name, n in zip(names, counts, strict=True) if name in particles}
     std = [r["numbers"]["median_std_mm"] for r in tracked if "median_std_mm" in r["numbers"]]
     summary = {
         "not_in_images": not_in_images(moved, recording),
         "pairs": len(records),
         **said_of_all,
         "particles": particles,
-        "linked": [r["numbers"].get("linked", 0) for r in records],
+        "linked": linked,
         "median_std_mm": np.median(std, 0).tolist() if std else None,
         "frame": chain.frame,
         "warnings": list(dict.fromkeys(said)),

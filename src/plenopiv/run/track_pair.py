@@ -108,7 +108,7 @@ class TrackJob:
         """Link the particles of a pair's frames, make the field of these links, and write both.
 
         Raises:
-            PlenoPIVError: a file cannot be written; there are no links or no field in the only pair.
+            PlenoPIVError: a file cannot be written; there are no links in the only pair.
         """
         recording, chain = self.tracker.recording, self.tracker.chain
         only, dt_s = len(recording.pairs) == 1, recording.dt_s
@@ -143,9 +143,9 @@ class TrackJob:
             "left_by_correlation_mm": links.scatter_mm.tolist(),
         }
         stage, time_s = partial(report, "field of the tracks"), recording.mid_time_s(number)
-        with record.measuring(only):
+        with record.measuring(only=False):
             velocity = velocity_of_tracks(of_links(first, second, links), chain, self.table, dt_s, time_s, stage)
-        name, field = tracks_file(number), "velocity.nc" if only else pair_file(number)
+        name, field = tracks_file(number), field_file(number, len(recording.pairs))
         write_tracks(path_in(self.folder, name, self.while_there), tracks)
         record.files.append(name)
         if record.set_aside is not None:  # its tracks are there all the same
@@ -165,6 +165,11 @@ def median_std(covariance: Array) -> dict[str, Any]:
     if not len(covariance):
         return {}
     return {"median_std_mm": np.sqrt(np.median(np.einsum("nii->ni", covariance), 0))[:3].tolist()}
+
+
+def field_file(number: int, pairs: int) -> str:
+    """Name of the file of the field of pair ``number``, from 0, of so many ``pairs``: of one it is that of all."""
+    return "velocity.nc" if pairs == 1 else pair_file(number)
 
 
 def tracks_file(number: int) -> str:

@@ -30,7 +30,7 @@ from plenopiv.run.track_frame import FrameTracker, ImageOfFrame, PredictedFrame,
 from plenopiv.run.track_pair import linked, median_std
 from plenopiv.tracking.follow import FEWEST, followed
 from plenopiv.tracking.frame import FrameParticles
-from plenopiv.tracking.predict import FRAMES, LOST, predicted
+from plenopiv.tracking.predict import FRAMES, LOST, SHORT, predicted
 from plenopiv.tracking.sightings import SeenFrame
 from plenopiv.volume import SparseVolume
 
@@ -167,7 +167,7 @@ class SequenceJob:
         """Frame ``number`` from predictions and the tracks of its particles, None where it has to be reconstructed, and
         what is to be said."""
         seen = [one.seen for one in self.past if one.seen.number >= number - FRAMES]
-        if len(seen) < BEGUN or seen[-1].number < number - 1 - LOST:
+        if len(seen) < BEGUN or seen[-1].number < number - 1 - LOST or not _goes_back(seen):
             return None, []
         name = self.tracker.recording.frames[number].name
         by = predicted(seen, number, self.tracker.limits(self.tracker.chain.grid))
@@ -209,6 +209,14 @@ class SequenceJob:
         here, there = (own(each.position_mm, self.tracker.chain.grid) for each in (first, second))
         numbers = {"particles": [int(here.sum()), int(there.sum())], "linked": linked}
         return numbers | median_std(second.covariance[there])
+
+
+def _goes_back(seen: Sequence[SeenFrame]) -> bool:
+    """Whether tracks of the last frame ``seen`` tell velocities: those that were begun anew, after lost frames or a
+    cut, do not yet, and earlier ones have ended."""
+    tracks, times = np.unique(np.concatenate([one.track for one in seen]), return_counts=True)
+    last = np.isin(tracks, seen[-1].track)
+    return bool(np.sum(times[last] >= SHORT - 1) >= max(FEWEST * last.sum(), 1))
 
 
 def frame_file(number: int) -> str:

@@ -6,8 +6,11 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from plenopiv.chain import Chain
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
@@ -32,6 +35,15 @@ if TYPE_CHECKING:
 def source() -> str:
     """What files say that they come from."""
     return f"plenopiv {versions()['plenopiv']}"
+
+
+def counted(tracks: xarray.Dataset, frames: int) -> tuple[list[int], list[int]]:
+    """Of ``tracks`` as tracks.nc has them: particles in each of so many ``frames``, and how many of each frame are in
+    the next one, too."""
+    frame, track = tracks["frame"].values, tracks["track_id"].values
+    ids = [track[(frame == k) & (track >= 0)] for k in range(frames)]
+    linked = [int(np.isin(after, before).sum()) for before, after in pairwise(ids)]
+    return np.bincount(frame, minlength=frames).tolist(), linked
 
 
 @dataclass(frozen=True)
@@ -67,25 +79,23 @@ class SmoothSequence:
         self, pairs: Mapping[int, str], folder: SeriesFolder, chain: Chain, table: TrackingTable, report: Progress
     ) -> tuple[dict[int, Path], dict[int, str]]:
         """Write the field of each of the ``pairs``, whose quality is given, from the tracks half way between its
-        frames; the files, and why other pairs have none.
+        frames; the files, and why other pairs have none: there are too few, say.
 
         Raises:
-            PlenoPIVError: a file cannot be written, or there are too few tracks between all frames.
+            PlenoPIVError: a file cannot be written.
         """
-        out, without, why = dict[int, Path](), dict[int, str](), None
+        out, without = dict[int, Path](), dict[int, str]()
         for number, quality in pairs.items():
             tracks, time_s = between(self.found, number), self.recording.mid_time_s(number)
             stage = partial(report, f"field {number + 1} of the tracks")
             try:
                 velocity = velocity_of_tracks(tracks, chain, table, self.recording.dt_s, time_s, stage)
             except PlenoPIVError as error:
-                why, without[number] = error, f"{NO_FIELD}: {error}"
+                without[number] = f"{NO_FIELD}: {error}"
                 warnings.warn(f"pair {number}: {NO_FIELD}: {error}", PlenoPIVWarning, stacklevel=2)
                 continue
             velocity["time"].attrs["long_name"] = self.recording.time_meaning
             velocity.attrs |= {"source": source(), "quality": quality}
             out[number] = folder.path(pair_file(number))
             write_velocity(out[number], velocity)
-        if not out and why is not None:
-            raise why
         return out, without

@@ -131,7 +131,7 @@ def joined(pairs: Sequence[xarray.Dataset]) -> xarray.Dataset:
             if number not in frames:
                 frames[number] = pair.isel(obs=np.flatnonzero(pair["frame"].values == number))
     numbers = sorted(frames)
-    whole = xr.concat([frames[k] for k in numbers], "obs", data_vars="minimal", coords="minimal")
+    whole = xr.concat([frames[k] for k in numbers] or pairs[:1], "obs", data_vars="minimal", coords="minimal")
     starts = dict(zip(numbers, _starts([frames[k].sizes["obs"] for k in numbers]), strict=True))
     track = np.full(whole.sizes["obs"], -1, np.int64)
     moving = {name: whole[name].values.copy() for name in (*NAMES[3:], *(f"{n}_std" for n in NAMES[3:]), "covariance")}
