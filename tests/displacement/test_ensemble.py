@@ -147,6 +147,16 @@ def test_brightness_is_of_particles_not_of_how_many():
     assert brightness(dense(0 * thin)) == 0.0
 
 
+@pytest.mark.parametrize("inner", [CUBE, (20, 20, 20)])
+def test_a_pair_without_particles_says_nothing_of_errors(thin_pairs, inner):
+    """Left out whole, the other pair would leave no light: its part is infinitesimal, with sub-windows or without."""
+    pair, settings = thin_pairs(1, (1.0, 0.5, 0.0), particles=20.0)[0], replace(SMALL, inner_window=inner)
+    dark = tuple(dense(0 * volume.values) for volume in pair)
+    alone, beside = measure_ensemble([pair], settings), measure_ensemble([pair, dark], settings)
+    np.testing.assert_allclose(beside.displacement, alone.displacement, atol=1e-5)
+    np.testing.assert_allclose(beside.std, alone.std, rtol=0.3)
+
+
 @pytest.mark.parametrize("light", [0.0, 3.7])
 def test_pairs_without_particles_change_nothing(thin_pairs, light):
     """Correlations of uniform windows would be rounding, which whitening raises."""

@@ -50,6 +50,7 @@ from plenopiv.displacement.predictor import SplineField
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.solid import Solid
 from plenopiv.displacement.uncertainty import (
+    OF_MEANS,
     add_left_out,
     around_peaks,
     gain_around,
@@ -233,7 +234,7 @@ class SummedPairs:
             own = correlator.contributions(spectra, peaks.place[here], peaks.power[here])
             own[~spectra.lit] = 0.0
             sums[here] += own
-            about = peaks.total[here], peaks.untilt[here], self._part
+            about = peaks.total[here], peaks.untilt[here], OF_MEANS
             add_left_out(own, *about, of_cells[here])
             add_left_out(own.sum(1, keepdims=True), *about, of_pairs[here])
 
@@ -242,8 +243,8 @@ class SummedPairs:
             del pair
         for layer in range(len(layers)):
             variance = jackknife_variance(sums[layer], peaks.untilt[layer], self._part)
-            more = variance_of(of_pairs[layer], len(self), self._part)
-            more -= variance_of(of_cells[layer], len(self) * blocks, self._part)
+            more = variance_of(of_pairs[layer], len(self), OF_MEANS)  # a whole pair may be all that a window has
+            more -= variance_of(of_cells[layer], len(self) * blocks, OF_MEANS)
             if len(self) > 1:
                 variance += np.maximum(more, 0.0)
             vectors.variance[layers.start + layer] = variance

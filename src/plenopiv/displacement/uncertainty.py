@@ -54,7 +54,7 @@ _THINNEST = (12, 4, 4)  # along z, y, x, voxels: longer than a particle; fewer b
 _NEIGHBOURS = 26  # vectors whose variance a replaced one takes; as many as its value is fitted to
 _MEAN_SQUARE_STEPS = 26 / (6 + 12 / 2 + 8 / 3)  # <r^2> of the 26 neighbours weighted by r^-2, in steps^2
 _BIAS_OF_MEAN = 0.3  # of the sub-windows' mean q^2 less its noise, in the variance of their mean
-_SINGLE, _OF_MEANS = 1.0, 1e-3  # by what part less a block counts, in the variance of vectors and for means of them
+_SINGLE, OF_MEANS = 1.0, 1e-3  # by what part less a block counts, in the variance of vectors and for means of them
 _SIGNIFICANT = 2.0  # standard deviations of its noise above which q counts as averaging bias
 
 
@@ -175,7 +175,7 @@ def block_sums(
 
 def part_left_out(settings: CorrelationSettings) -> float:
     """What part of a block the jackknife leaves out: all of it for single vectors, next to none for means."""
-    return _SINGLE if settings.sub_window is None else _OF_MEANS
+    return _SINGLE if settings.sub_window is None else OF_MEANS
 
 
 def jackknife_variance(sums: NDArray[np.float64], untilt: NDArray[np.float64], part: float) -> NDArray[np.float64]:
