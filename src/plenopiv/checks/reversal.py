@@ -54,7 +54,7 @@ class Step:
 
 def of_names(recording: Recording) -> Finding | None:
     """A finding where a sequence has names of pairs."""
-    found = looks_like_pairs(_file_names(recording)) if recording.is_sequence else None
+    found = looks_like_pairs(file_names(recording)) if recording.is_sequence else None
     if found is None:
         return None
     first, second = found.pairs[0]
@@ -77,7 +77,7 @@ def of_frames(recording: Recording, camera: PlenopticCamera, z_mm: tuple[float, 
     """
     if not recording.is_sequence or len(recording) < 3:
         return None
-    return finding(steps(recording, camera, z_mm), looks_like_pairs(_file_names(recording)))
+    return finding(steps(recording, camera, z_mm), looks_like_pairs(file_names(recording)))
 
 
 def steps(recording: Recording, camera: PlenopticCamera, z_mm: tuple[float, float]) -> Steps:
@@ -184,7 +184,7 @@ def _advice(named: NamedPairs | None) -> str:
     return f"write {line} instead of frames in [recording]; dt_s is the time between the two of a pair"
 
 
-def _file_names(recording: Recording) -> Sequence[str]:
+def file_names(recording: Recording) -> Sequence[str]:
     """Names of the frames, with the folder where there are several, or none where files hold several images."""
     if any(frame.pages > 1 or frame.half or frame.dataset for frame in recording.frames):
         return ()

@@ -21,6 +21,7 @@ from plenopiv.checks import (
     fit,
     lens_blur,
     light,
+    missing,
     motion,
     outlines,
     repeats,
@@ -195,8 +196,7 @@ def _files(recording: Recording) -> list[Finding]:
         for k, frame in enumerate(recording.frames)
     ]
     out = [stamps.in_order(marks, recording.dt_s, () if recording.is_sequence else recording.pairs)]
-    named = reversal.of_names(recording)
-    out += [named] if named else []
+    out += [found for found in (reversal.of_names(recording), missing.of_names(recording)) if found]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlenoPIVWarning)
         out += repeats.findings(recording)

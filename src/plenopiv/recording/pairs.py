@@ -155,7 +155,8 @@ def find_frames(folder: Path, pattern: str, leave_out: Path | Sequence[Path] | N
         # Path.glob takes no absolute patterns: split off the root.
         root = files.anchor
         found = Path(root).glob(str(files.relative_to(root))) if root else folder.glob(glob)
-        paths = sorted((p for p in found if p.is_file()), key=lambda p: natural_order(p.as_posix()))
+        there = (p for p in found if p.is_file() or (p.is_symlink() and not p.exists()))  # links to nothing are told of
+        paths = sorted(there, key=lambda p: natural_order(p.as_posix()))
     except (ValueError, NotImplementedError) as error:
         raise PlenoPIVError(f"recording.frames: {pattern!r} is no file pattern ({error})") from None
     others = [leave_out] if isinstance(leave_out, Path) else list(leave_out or ())
