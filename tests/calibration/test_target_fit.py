@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from plenopiv.calibration.target.calibrated import (
     PlaneResidual,
     _check_agreement,
     _compare_with_sheet,
+    _warn_of_three_planes,
     lens_space_camera,
 )
 from plenopiv.calibration.target.fit import Dots, _check_order, _check_planes
@@ -223,6 +225,25 @@ def test_a_plane_that_the_others_contradict():
     _check_agreement(residuals(0.0, 19.0, 0.0, 0.0), others(*[0.1] * 4))  # 0.02 mm are no matter
     _check_agreement(residuals(5.0, 200.0, -30.0), others(*[4.0] * 3))  # of three planes any one may be wrong
     _check_agreement(residuals(5.0, float("nan"), -30.0, 1.0), others(*[4.0] * 4))  # of no dot seen whole
+
+
+def test_three_planes_that_disagree_are_warned_of():
+    """Which of them is wrong nobody knows; dots a few um off, or as far as they are known, are no matter."""
+
+    def optics(x_mm, z_mm, planes):
+        off = np.random.default_rng(0).standard_normal((60, 3)) * (x_mm, 1e-3, z_mm)
+        without = dict.fromkeys(range(planes), np.zeros(3))
+        return SimpleNamespace(residual_mm=off, used=np.ones(60, bool), without_mm=without)
+
+    dots = SimpleNamespace(std_mm=np.broadcast_to([0.2e-3, 0.2e-3, 5e-3], (60, 3)))
+    with pytest.warns(match=r"the planes disagree: their dots lie 0\.0[45]. mm \(RMS\) along x"):
+        _warn_of_three_planes(dots, optics(0.05, 0.01, 3))
+    with pytest.warns(match=r"along z"):
+        _warn_of_three_planes(dots, optics(0.01, 0.08, 3))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        _warn_of_three_planes(dots, optics(0.01, 0.03, 3))
+        _warn_of_three_planes(dots, optics(0.05, 0.08, 4))
 
 
 def test_a_plane_whose_dots_lie_beside_those_of_the_others():

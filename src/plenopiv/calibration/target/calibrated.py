@@ -136,6 +136,7 @@ def calibrate_target(
         more = pupil_and_stop(seen, camera, lengths, optics.covariance[np.ix_(which, which)])
         values, std = values | more[0], std | more[1]
     planes = tuple(_plane(image, n, dots, optics) for n, image in enumerate(images))
+    _warn_of_three_planes(dots, optics)
     _check_agreement(planes, [1e3 * optics.without_mm.get(n, np.full(3, np.nan)) for n in range(len(planes))])
     stated = {"microlens_focal_length_mm": camera.microlens_focal_length_mm}
     _compare_with_sheet(optics, stated if medium is None else stated | {"refractive_index": medium.refractive_index})
@@ -189,6 +190,23 @@ def _check_agreement(planes: Sequence[PlaneResidual], others_um: Sequence[ArrayL
         f"calibration.planes: the dots of {plane.image} lie {by_mm:+.3f} mm along {'xy'[axis]} from where the other "
         "planes have them: the target was moved aside, or another dot was taken for its origin; leave the image out"
     )
+
+
+def _warn_of_three_planes(dots: Dots, optics: OpticsFit) -> None:
+    """Warn where dots of three planes do not lie where any optics have them: which plane is wrong they cannot tell."""
+    if len(optics.without_mm) > 3:
+        return
+    off = np.sqrt((optics.residual_mm[optics.used] ** 2).mean(0))
+    known = np.maximum(DISAGREES * np.median(dots.std_mm[optics.used], 0), DISAGREES_MM)
+    axis = int(np.argmax(off / known))
+    if off[axis] > known[axis]:
+        warnings.warn(
+            f"calibration.planes: the planes disagree: their dots lie {off[axis]:.3f} mm (RMS) along {'xyz'[axis]} "
+            "from where the fit has them; check every z_mm, and that the target was not moved aside: a fourth plane "
+            "would tell which one is wrong",
+            PlenoPIVWarning,
+            stacklevel=3,
+        )
 
 
 def _compare_with_sheet(optics: OpticsFit, stated: Mapping[str, float]) -> None:
