@@ -66,6 +66,23 @@ def test_two_pairs_have_an_interval_of_the_mean_alone(results, field_of, capsys)
     assert np.isfinite([axes.get_ylim() for axes in figure.axes]).all()
 
 
+def test_pairs_that_are_set_aside_are_no_samples(results, field_of, tmp_path, capsys):
+    """Of five pairs two count; of phases one has all that count, and the others are named."""
+    rng = np.random.default_rng(0)
+    values = rng.normal(2.0, 0.5, (5, 3, 2, 3, 4))
+    values[1:4] = np.nan
+    write_velocity(
+        results / "velocity.nc", xr.concat([field_of(v, 0.1, time=1e-3 * k) for k, v in enumerate(values)], "time")
+    )
+    assert main(["statistics", str(results)]) == 0
+    assert "2 pairs: fluctuations and their error bars take 3 or more" in capsys.readouterr().err
+    (tmp_path / "phases.csv").write_text("pair,phase\n" + "".join(f"{k},{90 * (k % 2)}\n" for k in range(5)))
+    assert main(["statistics", str(results), "--phase", str(tmp_path / "phases.csv"), "--bins", "4"]) == 0
+    told = capsys.readouterr()
+    assert "4 of 4 phases have fewer than 3 pairs" in told.err
+    assert "samples   2 at a place" in told.out
+
+
 def test_bands_of_the_figure_are_95_percent_intervals(results):
     found = plenopiv.statistics_of(results)
     figure = convergence_figure(found)
@@ -171,10 +188,13 @@ def test_a_series_without_a_vector(results, field_of):
         plenopiv.statistics_of(results)
 
 
-def test_correlation_beyond_the_lags_is_a_warning(results, field_of, capsys, monkeypatch):
+@pytest.mark.parametrize(
+    ("count", "words"), [(40, "outlasts 2 pairs"), (20, "seems, perhaps by chance, to outlast 2 pairs")]
+)
+def test_correlation_beyond_the_lags_is_a_warning(results, field_of, capsys, monkeypatch, count, words):
     monkeypatch.setattr(statistics, "write_statistics", lambda path, found: None)
-    walk = np.cumsum(np.random.default_rng(1).normal(size=(20, 3, 2, 3, 4)), 0)
+    walk = np.cumsum(np.random.default_rng(1).normal(size=(count, 3, 2, 3, 4)), 0)
     fields = [field_of(v, 0.1, time=float(k)) for k, v in enumerate(walk)]
     write_velocity(results / "velocity.nc", xr.concat(fields, "time"))
     assert main(["statistics", str(results), "--lags", "2", "--quiet"]) == 0
-    assert "outlasts 2 pairs" in capsys.readouterr().err
+    assert words in capsys.readouterr().err

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import xarray
 
 MUCH = 0.01  # of the places, with correlation beyond the lags
+CERTAIN = 30  # pairs, of which that is no chance: of 8, half of the places look so where fluctuations are smooth
 
 
 def statistics(
@@ -56,24 +57,33 @@ def statistics(
         _draw(found, figures)
     told = summary_of(found)
     if told["correlated_beyond_lags_share"] > MUCH:
-        enough = (told["median_samples"] or 0.0) >= STRETCHES * told["lags"]
+        samples = told["median_samples"] or 0.0
+        enough = samples >= STRETCHES * told["lags"]
+        certain = samples >= CERTAIN
+        outlasts, are = ("outlasts", "are") if certain else ("seems, perhaps by chance, to outlast", "may be")
         followed = told["lags"] if enough else "a third of the"
         more = "use a larger --lags" if enough else "more pairs are needed"
         warnings.warn(
             f"{target}: at {100 * told['correlated_beyond_lags_share']:.0f} % of the places the correlation in time "
-            f"outlasts {followed} pairs, and error bars are too short there; {more}",
+            f"{outlasts} {followed} pairs, and error bars {are} too short there; {more}",
             PlenoPIVWarning,
             stacklevel=2,
         )
-    if told["pairs"] < FEWEST:
-        warnings.warn(
-            f"{target}: {told['pairs']} pair{'s' * (told['pairs'] != 1)}: fluctuations and their error bars take "
-            f"{FEWEST} or more, and are NaN or mean nothing",
-            PlenoPIVWarning,
-            stacklevel=2,
-        )
+    if (few := _too_few(found)) is not None:
+        words = f"{target}: {few}: fluctuations and their error bars take {FEWEST} or more, and are NaN or mean nothing"
+        warnings.warn(words, PlenoPIVWarning, stacklevel=2)
     files = [str(path) for path in (target, *figures)]
     return Outcome("\n".join(_lines(told, found, files)), {"files": files, "statistics": told})
+
+
+def _too_few(found: xarray.Dataset) -> str | None:
+    """How many pairs count where they are too few, None where they are enough; of phases, in how many bins."""
+    if "phase" not in found.dims:
+        counted = int(found.attrs["pairs"] - found.attrs["pairs_left_out"])
+        return None if counted >= FEWEST else f"{counted} pair{'s' * (counted != 1)}"
+    counts = (found["pairs"] - found["pairs_left_out"]).values
+    few = int((counts < FEWEST).sum())
+    return f"{few} of {len(counts)} phases have fewer than {FEWEST} pairs" if few else None
 
 
 def _draw(found: xarray.Dataset, figures: list[Path]) -> None:

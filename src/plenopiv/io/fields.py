@@ -39,12 +39,14 @@ def even_axes(dataset: xarray.Dataset) -> tuple[tuple[float, ...], tuple[float, 
     """First point and spacing (x, y, z) in mm, and shape (nz, ny, nx).
 
     Raises:
-        PlenoPIVError: vectors are not evenly spaced along an axis.
+        PlenoPIVError: vectors are not evenly spaced along an axis, or it falls.
     """
     first, spacing = [], []
     for name in "xyz":
         values = dataset[name].values.astype(float)
         steps = np.diff(values)
+        if steps.size and not (steps > 0).all():
+            raise PlenoPIVError(f"{name} falls, images of VTK need rising axes; use dataset.sortby({name!r})")
         if steps.size and np.ptp(steps) > EVEN * steps.mean():
             raise PlenoPIVError(
                 f"vectors are not evenly spaced along {name}, as images of VTK need; export .csv or .mat"

@@ -37,7 +37,7 @@ def summary_of(statistics: xr.Dataset) -> dict[str, Any]:
         "pairs": int(statistics.attrs["pairs"]),
         "pairs_left_out": int(statistics.attrs["pairs_left_out"]),
         "vectors_counted": str(statistics.attrs["vectors_counted"]),
-        "median_samples": _median(statistics["samples"].values),
+        "median_samples": _median(np.where(statistics["samples"].values > 0, statistics["samples"].values, np.nan)),
         "median_independent_samples": [_median(statistics[f"{n}_independent_samples"].values) for n in NAMES],
         "largest_rms_m_s": largest,
         "largest_rms_at_mm": where,
