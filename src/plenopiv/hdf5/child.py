@@ -1,5 +1,6 @@
 """Open one HDF5 file and read it: a program of its own, which may crash. ``plenopiv.hdf5`` runs it and says what came
-of it. Arguments: file, "hdf5" or "netcdf", seconds. Exit code 0: whole; 3: not, why is printed; 1: out of time."""
+of it. Arguments: file, "hdf5" or "netcdf", seconds of the processor, seconds in all. Exit code 0: whole; 3: not, why is
+printed; 1: out of time; ended by SIGXCPU: out of the processor's."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ import faulthandler
 import os
 import sys
 from contextlib import suppress
-from math import prod
+from math import ceil, prod
 from typing import Any
 
 MEMORY = 1 << 30  # bytes beyond those of the libraries
@@ -28,6 +29,17 @@ def _limit_memory() -> None:
     with open("/proc/self/statm", encoding="ascii") as file:
         used = int(file.read().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
+
+
+def _limit_time(seconds: float) -> None:
+    """Of the processor, which a library that does not return uses up; a busy machine and a slow disk only wait."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    most = ceil(used.ru_utime + used.ru_stime + seconds)
+    resource.setrlimit(resource.RLIMIT_CPU, (most, most + 1))
 
 
 def _datasets(file: Any) -> list[Any]:
@@ -73,14 +85,15 @@ def read(path: str, kind: str) -> None:
                 _ = variable.dimensions, variable.shape, variable.dtype
 
 
-def main(path: str, kind: str, seconds: str) -> int:
+def main(path: str, kind: str, seconds: str, in_all: str) -> int:
     """Exit code."""
     import h5netcdf  # noqa: F401  the limits are those of the file, not of what loads
     import h5py  # noqa: F401
 
     with suppress(OSError):  # a system without /proc
         _limit_memory()
-    faulthandler.dump_traceback_later(float(seconds), exit=True)
+        _limit_time(float(seconds))
+    faulthandler.dump_traceback_later(float(in_all), exit=True)
     try:
         read(path, kind)
     except Exception as error:
