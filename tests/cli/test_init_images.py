@@ -167,6 +167,27 @@ def test_files_of_other_formats_are_left_alone(drafted, tmp_path):
     assert not any("hidden" in text or "folder.tif" in text for text in lines)
 
 
+@pytest.mark.parametrize("names", [[f"f{k}.tif" for k in range(4)], ["B1_A.tif", "B1_B.tif", "B2_A.tif", "B2_B.tif"]])
+def test_a_frame_that_cannot_be_read_is_drafted_all_the_same(tmp_path, capsys, one_line, names):
+    """A run sets its pairs aside; left out, what lies about it would be one step. Where half are so nothing is drafted."""
+    for name in names:
+        save(tmp_path / name, counts())
+    save(tmp_path / "white.tif", counts())
+    (tmp_path / "optics.json").write_text(json.dumps(SHEET))
+    whole = (tmp_path / names[0]).read_bytes()
+    (tmp_path / names[0]).write_bytes(whole[: len(whole) // 2])
+    assert main(["init", str(tmp_path), str(tmp_path / "optics.json")]) == 0
+    said = line(capsys.readouterr().out.splitlines(), "look at")
+    assert f"{names[0]}: is truncated" in said
+    assert "a run sets aside what it belongs to" in said
+    recording = Experiment.load(tmp_path / "experiment.toml").recording()
+    assert len(recording) == 4
+    assert list(recording.damaged) == [0]
+    (tmp_path / names[1]).write_bytes(b"")
+    (tmp_path / "experiment.toml").unlink()
+    assert f"{names[0]}: is truncated" in one_line("init", tmp_path, tmp_path / "optics.json")
+
+
 @pytest.mark.parametrize(
     ("names", "images", "rows", "expected"),
     [

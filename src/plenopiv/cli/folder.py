@@ -76,8 +76,11 @@ def folder_images(folder: Path, sensor_rows: object = None) -> FolderImages:
     chosen = _alike(roles["frame"])
 
     dark, background = roles["dark"][:1], roles["background"][:2]
-    sources = {name: _sources(folder, name) for name in (white, *dark, *background, *chosen)}
-    columns, rows, stacked = _sizes(sources, white, chosen, sensor_rows)
+    sources = {name: _sources(folder, name) for name in (white, *dark, *background)}
+    of_frames, damaged = _of_frames(folder, chosen)
+    columns, rows, stacked = _sizes(sources | of_frames, white, list(of_frames), sensor_rows)
+    like = next(iter(of_frames.values()), ())
+    sources |= of_frames | dict.fromkeys(damaged, like)
     frames = _read(folder, sources, chosen, stacked, [white, *dark, *background])
     if len(background) == 2 and not (frames.pairs is not None and naming.are_pulses(*background)):
         del background[1]
@@ -98,6 +101,7 @@ def folder_images(folder: Path, sensor_rows: object = None) -> FolderImages:
         lines.append(
             ("look at", f"{_span(odd)}: among the frames, and named unlike the others; move away what is none")
         )
+    lines += [("look at", f"{error}; a run sets aside what it belongs to") for error in damaged.values()]
     shown = tuple((what, printable(words)) for what, words in lines)
     return FolderImages(white, dark[0] if dark else None, tuple(background), frames, columns, rows, shown)
 
@@ -122,6 +126,25 @@ def _names(folder: Path) -> list[list[str]]:
 
 def _sources(folder: Path, name: str) -> tuple[ImageSource, ...]:
     return sources_of(folder / name)
+
+
+def _of_frames(folder: Path, names: list[str]) -> tuple[dict[str, tuple[ImageSource, ...]], dict[str, PlenoPIVError]]:
+    """Images of each frame's file, and what is wrong with those that cannot be read.
+
+    Raises:
+        PlenoPIVError: half of them cannot be read.
+    """
+    sources, damaged = dict[str, tuple[ImageSource, ...]](), dict[str, PlenoPIVError]()
+    for name in names:
+        try:
+            found = _sources(folder, name)
+            found[0].size()
+            sources[name] = found
+        except PlenoPIVError as error:
+            damaged[name] = error
+    if damaged and 2 * len(damaged) >= len(names):
+        raise next(iter(damaged.values()))
+    return sources, damaged
 
 
 def _white(folder: Path, found: list[str], frames: int) -> str:
