@@ -169,7 +169,7 @@ def test_files_of_other_formats_are_left_alone(drafted, tmp_path):
 
 @pytest.mark.parametrize("names", [[f"f{k}.tif" for k in range(4)], ["B1_A.tif", "B1_B.tif", "B2_A.tif", "B2_B.tif"]])
 def test_a_frame_that_cannot_be_read_is_drafted_all_the_same(tmp_path, capsys, one_line, names):
-    """A run sets its pairs aside; left out, what lies about it would be one step. Where half are so nothing is drafted."""
+    """A run sets its pairs aside. Where half of them are so nothing is drafted."""
     for name in names:
         save(tmp_path / name, counts())
     save(tmp_path / "white.tif", counts())
