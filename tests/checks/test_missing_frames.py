@@ -69,6 +69,17 @@ def test_a_frame_that_is_a_link_to_nothing_is_told_of(sequence):
         recording(sequence)
 
 
+def test_a_frame_of_another_number_is_not_what_was_meant(sequence):
+    file = sequence / "experiment.toml"
+    tables = tomllib.loads(file.read_text())
+    tables["recording"]["frames"] = ["f0.tif", "f9.tif", "f1.tif"]
+    with pytest.raises(PlenoPIVError, match=r"f9\.tif: no such file; correct its name, or put it there"):
+        Experiment.from_dict(tables, file).recording()
+    tables["recording"]["frames"][1] = "g2.tif"
+    with pytest.raises(PlenoPIVError, match=r"g2\.tif: no such file; did you mean f2\.tif"):
+        Experiment.from_dict(tables, file).recording()
+
+
 def test_of_a_frame_written_twice_in_a_sequence_the_step_beside_it_is_named(sequence):
     shutil.copy(sequence / "f0.tif", sequence / "f1.tif")
     found = repeats.findings(recording(sequence))

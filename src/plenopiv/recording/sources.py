@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -238,12 +239,13 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def _meant(path: Path) -> str:
-    """What to do about a file that is not there."""
+    """What to do about a file that is not there. One of another number is another frame, not meant."""
     try:
         there = sorted(each.name for each in islice(path.parent.iterdir(), LOOKED_AT))
     except OSError:
         return f"; there is no folder {path.parent}: correct its name"
-    near = get_close_matches(path.name, there, n=1)
+    others = [name for name in there if re.sub(r"\d+", "", name) != re.sub(r"\d+", "", path.name)]
+    near = get_close_matches(path.name, others, n=1)
     return f"; did you mean {printable(near[0])}?" if near else "; correct its name, or put it there"
 
 
