@@ -28,6 +28,7 @@ NOISE = 1.5  # times what rounding leaves between two scales of one image; two e
 FAINT = 20.0  # counts of spread below which the brightest pixels tell nothing
 
 TWICE = "copy the recording again; where the camera wrote a frame twice, leave that pair out"
+OF_OTHERS = "copy the recording again, or leave one of them out: its velocities would count twice"
 LOST = (
     "copy the recording again; where the camera repeated a frame another one is lost, and the pair before or after, "
     "which spans two steps, is twice as fast: an empty file of its name sets a frame's pairs aside"
@@ -62,22 +63,16 @@ def findings(recording: Recording) -> list[Finding]:
                 f"{names[0]} and {names[1]} are one image, down to its noise{more}: nothing moves between them",
                 float(len(within)),
                 "pairs",
-                LOST if _steps(recording) else TWICE,
+                LOST if recording.without_pulses else TWICE,
             )
         )
     others = sorted(same - set(recording.pairs))
     if others:
         a, b = (printable(recording.frames[k].name) for k in others[0])
         words = f"{a} and {b} are one image" + (f" ({len(others)} such frames)" if others[1:] else "")
-        advice = "copy the recording again, or leave one of them out: its velocities would count twice"
-        advice = LOST if _steps(recording) else advice
+        advice = LOST if recording.without_pulses else OF_OTHERS
         out.append(Finding("same-frame", "warning", words, float(len(others)), "frames", advice))
     return out
-
-
-def _steps(recording: Recording) -> bool:
-    """Whether every frame is between two others: without one, what is between these is longer."""
-    return recording.is_sequence and len(recording) > 2
 
 
 def same_image(a: NDArray, b: NDArray, sensor: Sensor) -> bool:

@@ -78,7 +78,7 @@ class Recording:
             source.check(self.sensor)
         if not self.pairs:
             object.__setattr__(self, "pairs", tuple((k, k + 1) for k in range(len(frames) - 1)))
-        if self._without_pulses and len(self.background_paths) > 1:
+        if self.without_pulses and len(self.background_paths) > 1:
             raise PlenoPIVError(
                 f"recording.background: two images belong to the two pulses of pairs, and the {len(frames)} frames are "
                 "a sequence; name one image, or give the frames as recording.pairs"
@@ -105,7 +105,7 @@ class Recording:
         return self.pairs == tuple((k, k + 1) for k in range(len(self.frames) - 1))
 
     @property
-    def _without_pulses(self) -> bool:
+    def without_pulses(self) -> bool:
         """Whether frames are the second of one pair and the first of the next."""
         return self.is_sequence and len(self) > 2
 
@@ -206,7 +206,7 @@ class Recording:
 
     def pulse(self, k: int) -> int:
         """0 for the first pulse of a pair, 1 for the second; 0 for all frames of a sequence of more than two."""
-        return 0 if self._without_pulses else int(any(second == k for _, second in self.pairs))
+        return 0 if self.without_pulses else int(any(second == k for _, second in self.pairs))
 
     @property
     def names(self) -> list[str]:
