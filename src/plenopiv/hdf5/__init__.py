@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 START_S = 120.0  # that a child may take in all: Python's own start on a busy machine is most of it
-TRY_S, WAIT_S = 10, 90  # of it for the file: of the processor, and of the clock, as a disk or machine may be busy
+TRY_S, WAIT_S = 3, 90  # of it for the file: of the processor (256 MB take 1 s), and of the clock, as a disk may be busy
 CHILD = Path(__file__).with_name("child.py")
 REFUSED, TOO_LONG = 3, 1  # exit codes of the child
 
