@@ -212,6 +212,35 @@ def test_pages_of_one_file_are_a_sequence(tmp_path, counts):
         sequence(tmp_path, "*.tif")
 
 
+def with_thumbnails(path, images, first=False, marked=1):
+    """A file of ``images``, each followed (or ``first``: preceded) by a thumbnail that its header marks."""
+    with tifffile.TiffWriter(path) as tif:
+        for image in images:
+            every = [(image, 0), (image[::4, ::4], marked)]
+            for page, kind in reversed(every) if first else every:
+                tif.write(page, subfiletype=kind, photometric="minisblack", metadata=None)
+
+
+@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize("marked", [1, 3])
+def test_thumbnails_are_no_images(tmp_path, counts, first, marked):
+    for k in range(3):
+        with_thumbnails(tmp_path / f"{k}.tif", [counts + k], first, marked)
+    with_thumbnails(tmp_path / "film.tif", [counts, counts + 1], first, marked)
+    assert Recording(SENSOR, sequence(tmp_path, "[0-9].tif"), None, 1e-3, "upright").pairs == ((0, 1), (1, 2))
+    np.testing.assert_array_equal(read_image(tmp_path / "2.tif", SENSOR), counts + 2)
+    two = sources_of(tmp_path / "film.tif")
+    assert [source.page for source in two] == [0, 1]
+    np.testing.assert_array_equal(two[1].counts(SENSOR), counts + 1)
+
+
+def test_pages_are_images_where_no_other_is_or_no_mark_is_there(tmp_path, counts):
+    with_thumbnails(tmp_path / "a.tif", [counts], marked=2)  # a page of several, as fax machines mark them
+    assert len(sources_of(tmp_path / "a.tif")) == 2
+    tifffile.imwrite(tmp_path / "b.tif", counts, subfiletype=1)
+    np.testing.assert_array_equal(read_image(tmp_path / "b.tif", SENSOR), counts)
+
+
 @pytest.mark.parametrize("damaged", [1, 2])
 def test_of_stacks_the_one_that_is_damaged_is_named(tmp_path, counts, damaged):
     for k in (1, 2, 3):

@@ -1,15 +1,16 @@
 """TIFF files: headers checked before any pixel is decoded.
 
 A page that is truncated, coloured, of the wrong size or of the wrong depth is an error that names its file, never a
-picture with zeros in it: TIFF readers fill what is missing.
+picture with zeros in it: TIFF readers fill what is missing. Thumbnails that a file holds beside its images are no
+pages of it.
 """
 
 from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -27,6 +28,7 @@ SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 Header = tuple[tuple[int, int], int]  # (columns, rows), bits per pixel
 Fits = Callable[[Header], None]  # raises PlenoPIVError where an image is not one of the sensor
 SPARE, PACKED = 64_000_000, 200  # bytes, and times its own size, that a compressed file may unpack to
+REDUCED = 1  # bit of NewSubfileType that marks a thumbnail (TIFF 6.0, page 36)
 MOST_PAGES = 100_000  # of a file: more are a damaged header
 
 
@@ -37,7 +39,7 @@ def pages(path: Path) -> int:
         PlenoPIVError: no TIFF, its header cannot be read, or a stack of ImageJ of which it names but one image.
     """
     with _file(path) as tif:
-        return len(tif.pages)
+        return len(_images(tif))
 
 
 def header(path: Path, page: int, fits: Fits) -> Header:
@@ -113,6 +115,22 @@ def _file(path: Path) -> Iterator[tifffile.TiffFile]:
         logger.disabled = was_disabled
 
 
+def _images(tif: tifffile.TiffFile) -> Sequence[int]:
+    """Which of a file's pages are images, in their order. Cameras add a thumbnail to the first one or to each, so that
+    the first two tell whether there are any; where all are marked, none is one."""
+    every = range(len(tif.pages))
+    if all(_is_image(tif, k) for k in every[:2]):
+        return every
+    return [k for k in every if _is_image(tif, k)] or every
+
+
+def _is_image(tif: tifffile.TiffFile, number: int) -> bool:
+    """Whether a page is no thumbnail; one whose header is damaged may be an image."""
+    with suppress(Exception):  # each reader of the page says what is wrong with it
+        return not cast("tifffile.TiffPage", tif.pages[number]).subfiletype & REDUCED
+    return True
+
+
 def _of_imagej(tif: tifffile.TiffFile) -> int:
     """How many images ImageJ says that a file of one page holds, if there are pixels of a second one; else 1."""
     page = tif.pages.first
@@ -127,10 +145,11 @@ def _of_imagej(tif: tifffile.TiffFile) -> int:
 def _page(path: Path, number: int, fits: Fits) -> Iterator[tifffile.TiffPage]:
     """A page whose header is that of raw monochrome counts and ``fits``, all of it in the file."""
     with _file(path) as tif:
-        if number >= len(tif.pages):
-            raise PlenoPIVError(f"{path}: holds {len(tif.pages)} images, there is no page {number + 1}")
+        images = _images(tif)
+        if number >= len(images):
+            raise PlenoPIVError(f"{path}: holds {len(images)} images, there is no page {number + 1}")
         try:
-            page = cast("tifffile.TiffPage", tif.pages[number])
+            page = cast("tifffile.TiffPage", tif.pages[images[number]])
             _readable(path, page)
             fits(_header(page))
             _whole(path, page)
