@@ -13,6 +13,7 @@ from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.displacement.windows import step_of
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
+from plenopiv.io.beside import unfinished
 from plenopiv.run import memory
 
 Lines = list[tuple[str, str]]
@@ -26,7 +27,8 @@ def info(file: Path) -> str:
     """
     readers = {".toml": _experiment, ".nc": _velocity, ".tif": _image, ".tiff": _image}
     if file.is_dir():
-        raise PlenoPIVError(f"{file}: is a folder; name the experiment file, velocity.nc or the image in it")
+        remedy = unfinished(file) or "name the experiment file, velocity.nc or the image in it"
+        raise PlenoPIVError(f"{file}: is a folder; {remedy}")
     reader = readers.get(file.suffix.lower())
     if reader is None:
         raise PlenoPIVError(f"{file}: info reads experiment files (.toml), velocity fields (.nc) and images (.tif)")

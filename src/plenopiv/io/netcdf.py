@@ -13,6 +13,7 @@ import numpy as np
 from plenopiv.errors import PlenoPIVError
 from plenopiv.hdf5 import contradiction, damage
 from plenopiv.io.aside import hdf5_aside
+from plenopiv.io.beside import unfinished, warn_of_unfinished
 
 if TYPE_CHECKING:
     import xarray
@@ -77,7 +78,8 @@ def opened_velocity(path: str | Path) -> Iterator[xarray.Dataset]:
     except (OSError, ValueError):  # a name that none can have
         wrong = None
     if wrong is None:
-        raise PlenoPIVError(f"{path}: no such file; plenopiv run writes velocity.nc")
+        raise PlenoPIVError(f"{path}: no such file; {unfinished(path.parent) or 'plenopiv run writes velocity.nc'}")
+    warn_of_unfinished(path)
     try:
         if wrong:
             raise ValueError(wrong)

@@ -18,12 +18,13 @@ from typing import Any
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io import manifest as manifests
 from plenopiv.io.aside import is_being_written, told_of, written_aside
+from plenopiv.io.beside import INPUTS, WORK, warn_of_earlier
 from plenopiv.io.into_place import move_into_place
 from plenopiv.io.lock import FolderLock
 from plenopiv.io.manifest import Manifest, Records, digest_of, hash_of, is_whole, named_changes, settled_otherwise
 from plenopiv.io.output import COMPLETE, sweep_stages
 
-WORK, GONE, LOCK, INPUTS = ".plenopiv", ".plenopiv-gone", "lock", "inputs.json"
+GONE, LOCK = ".plenopiv-gone", "lock"
 EXPERIMENT = "experiment.toml"  # among the results: of the run
 
 
@@ -300,7 +301,9 @@ class SeriesFolder:
                 (self.work / manifests.NAME).unlink()
 
     def _move(self, made: Manifest) -> None:
+        before = Manifest.read(self.directory / manifests.NAME)
         move_into_place(made, self.work, self.directory)
+        warn_of_earlier(self.directory, before, made)
         self.discard()
         self._made = []
 

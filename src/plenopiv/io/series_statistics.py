@@ -11,13 +11,13 @@ import numpy as np
 
 from plenopiv.errors import PlenoPIVError, brief
 from plenopiv.hdf5 import contradiction, damage
+from plenopiv.io.beside import VELOCITY, unfinished, warn_of_unfinished
 from plenopiv.io.netcdf import DIMS, check_velocity, write_dataset
 from plenopiv.statistics import Phases, PhaseStatistics, SeriesStatistics
 
 if TYPE_CHECKING:
     import xarray
 
-VELOCITY = "velocity.nc"
 BLOCK_BYTES = 32 << 20  # read at once: each read of a file takes some milliseconds
 STATISTICS, BY_PHASE = "statistics.nc", "phase-statistics.nc"
 
@@ -43,7 +43,8 @@ def fields_of(results: str | Path) -> Iterator[tuple[int, int, xarray.Dataset]]:
     except (OSError, ValueError):  # a name that none can have
         wrong = None
     if wrong is None:
-        raise PlenoPIVError(f"{path}: no such file; plenopiv run writes {VELOCITY}")
+        raise PlenoPIVError(f"{path}: no such file; {unfinished(path.parent) or f'plenopiv run writes {VELOCITY}'}")
+    warn_of_unfinished(path)
     if wrong:
         raise PlenoPIVError(f"{path}: is no velocity file or is damaged ({wrong[:100]})")
     try:
@@ -56,6 +57,10 @@ def fields_of(results: str | Path) -> Iterator[tuple[int, int, xarray.Dataset]]:
         if wrong := contradiction(dataset.variables):
             raise PlenoPIVError(f"{path}: is no velocity file or is damaged ({wrong})")
         check_velocity(path, dataset)
+        if "pairs" in dataset:
+            raise PlenoPIVError(
+                f"{path}: is of ensembles, means over the pairs of a phase or of all; give the results of plenopiv run"
+            )
         wanted = [name for name in ("u", "v", "w", "u_std", "v_std", "w_std", "valid") if name in dataset]
         wanted += ["inside_body"] if "inside_body" in dataset else []
         fields, pairs = dataset[wanted].transpose(*DIMS), dataset.sizes["time"]

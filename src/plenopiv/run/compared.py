@@ -16,6 +16,7 @@ from plenopiv.comparison import Comparison, Differences, Field, Measures, Overla
 from plenopiv.comparison.differences import Z_EDGES
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import text
+from plenopiv.io.beside import unfinished
 from plenopiv.io.fields import units_of, variables_of_time
 from plenopiv.io.netcdf import DIMS, loaded, opened_velocity
 from plenopiv.report.document import flat
@@ -52,7 +53,8 @@ class Result:
         try:
             velocity = path / VELOCITY if path.is_dir() else path
             if path.is_dir() and not velocity.is_file():
-                raise PlenoPIVError(f"{path}: holds no {VELOCITY}; plenopiv run writes it into its results folder")
+                remedy = unfinished(path) or "plenopiv run writes it into its results folder"
+                raise PlenoPIVError(f"{path}: holds no {VELOCITY}; {remedy}")
             experiment = velocity.parent / EXPERIMENT
             tables = text.tables(experiment.read_bytes(), experiment) if experiment.is_file() else None
         except (OSError, ValueError) as error:
