@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,6 +25,20 @@ def test_wrong_lattice_type(recorded):
     assert not found.usable
     assert "shows a hexagonal lattice" in wrong(found)["lattice-type"].words
     assert 'set it to "hexagonal"' in wrong(found)["lattice-type"].advice
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("a.h5::run/white", True), ("a.npy", True), ("a.tif", False), (None, False)]
+)
+def test_arrays_with_axes_reversed(name, said):
+    """As MATLAB writes them; of pictures the rows are known."""
+    whole = white_of(camera())
+    path = None if name is None else Path(name)
+    upright, _ = white_image(whole, camera(), "white", path=path)
+    assert "array-transposed" not in [finding.name for finding in upright]
+    turned = replace(camera(), sensor=replace(camera().sensor, rows=whole.shape[1], columns=whole.shape[0]))
+    findings, _ = white_image(np.ascontiguousarray(whole.T), turned, "white", path=path)
+    assert ("array-transposed" in [finding.name for finding in findings]) == said
 
 
 @pytest.mark.full

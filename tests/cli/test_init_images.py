@@ -152,6 +152,49 @@ def test_data_sets_of_one_hdf5_file(tmp_path, capsys):
     assert "rec.h5::camera/white" in line(capsys.readouterr().out.splitlines(), "white")
 
 
+def hdf5_recording(folder, **data):
+    with h5py.File(folder / "rec.h5", "w") as file:
+        file["white"] = counts()
+        for name, values in data.items():
+            file[name] = values
+    (folder / "optics.json").write_text(json.dumps(SHEET))
+
+
+def test_pulses_in_two_data_sets(tmp_path, capsys):
+    hdf5_recording(tmp_path, pulse_a=counts(3), pulse_b=counts(3))
+    assert main(["init", str(tmp_path), str(tmp_path / "optics.json")]) == 0
+    assert "3 of a double-frame camera, the images of rec.h5::pulse_a with those of rec.h5::pulse_b" in line(
+        capsys.readouterr().out.splitlines(), "pairs"
+    )
+    recording = Experiment.load(tmp_path / "experiment.toml").recording()
+    assert recording.pairs == ((0, 1), (2, 3), (4, 5))
+    assert recording.names[2:4] == ["rec.h5::pulse_a page 2", "rec.h5::pulse_b page 2"]
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        ({"frames": np.zeros((4, ROWS, 280), np.int32)}, "rec.h5::frames holds int32 values; write 8- or 16-bit"),
+        (
+            {"images": np.zeros((4, 2, ROWS, 280), np.uint16)},
+            "rec.h5::images has 4 axes; write (images, rows",
+        ),
+        ({"one": counts(3), "two": counts(3)}, "rec.h5::two is another data set; store all images in data sets of one"),
+    ],
+)
+def test_data_sets_that_are_no_frames_are_named(tmp_path, one_line, data, expected):
+    hdf5_recording(tmp_path, **data)
+    assert expected in one_line("init", tmp_path, tmp_path / "optics.json")
+
+
+@pytest.mark.parametrize("name", ["white", "dark", "background"])
+def test_several_pages_where_one_image_is_wanted(tmp_path, one_line, name):
+    for frame in ("white", "dark", "background", "f1", "f2"):
+        save(tmp_path / f"{frame}.tif", counts(3 if frame == name else 1))
+    (tmp_path / "optics.json").write_text(json.dumps(SHEET))
+    assert f"{name}.tif: holds 3 images, wanted one" in one_line("init", tmp_path, tmp_path / "optics.json")
+
+
 def test_files_of_other_formats_are_left_alone(drafted, tmp_path):
     at = tmp_path / "run7"
     at.mkdir()

@@ -212,6 +212,28 @@ def test_pages_of_one_file_are_a_sequence(tmp_path, counts):
         sequence(tmp_path, "*.tif")
 
 
+@pytest.mark.parametrize("named", ["run.h5::pulse_{a,b}", [("run.h5::pulse_a", "run.h5::pulse_b")]])
+def test_two_data_sets_hold_the_pulses_of_many_pairs(tmp_path, counts, named):
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["pulse_a"] = np.stack([counts, counts + 1, counts + 2])
+        file["pulse_b"] = np.stack([counts + 10, counts + 11, counts + 12])
+        file["pulse_c"] = np.stack([counts, counts])
+    frames, of_pairs = pairs(tmp_path, named)
+    assert of_pairs == ((0, 1), (2, 3), (4, 5))
+    for (first, second), k in zip(of_pairs, range(3), strict=True):
+        np.testing.assert_array_equal(frames[first].counts(SENSOR), counts + k)
+        np.testing.assert_array_equal(frames[second].counts(SENSOR), counts + 10 + k)
+    with pytest.raises(PlenoPIVError, match=r"run\.h5::pulse_c: holds 2 image\(s\), run\.h5::pulse_a 3; both pulses"):
+        pairs(tmp_path, "run.h5::pulse_{a,c}")
+
+
+def test_a_damaged_stack_of_pulses_is_named(tmp_path, counts):
+    tifffile.imwrite(tmp_path / "a.tif", np.stack([counts, counts]), photometric="minisblack")
+    (tmp_path / "b.tif").write_bytes((tmp_path / "a.tif").read_bytes()[:6])
+    with pytest.raises(PlenoPIVError, match=r"b\.tif: its TIFF header cannot be read"):
+        pairs(tmp_path, [("a.tif", "b.tif")])
+
+
 def with_thumbnails(path, images, first=False, marked=1):
     """A file of ``images``, each followed (or ``first``: preceded) by a thumbnail that its header marks."""
     with tifffile.TiffWriter(path) as tif:

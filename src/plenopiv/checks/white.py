@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from plenopiv.calibration.aperture import aperture_disc
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.checks.findings import Finding
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.recording.formats import split
 from plenopiv.sensor import Sensor
 
 RESIDUAL_PX = 0.1  # RMS; a few hundredths are usual
@@ -21,16 +23,23 @@ STATED = 0.04  # and than the stated aperture makes them
 SATURATED = 1e-3  # share of the pixels
 DEAD = 1e-3  # share of the pixels without any count
 NO_COUNT = 1.0
+ARRAYS = {".h5", ".hdf5", ".npy"}  # files that say nothing of which axis are rows
+UPRIGHT_DEG = 5.0  # of rows from the columns within which they run along these
 DARK = 0.05  # of the sensor's range that the lit pixels should reach
 BIT_DEPTHS = (8, 10, 12, 14)  # of cameras, below the 16 bits of files
 
 
 def white_image(
-    white: NDArray, camera: PlenopticCamera, name: str, stated: bool = True, frames_reach: float = 0.0
+    white: NDArray,
+    camera: PlenopticCamera,
+    name: str,
+    stated: bool = True,
+    frames_reach: float = 0.0,
+    path: Path | None = None,
 ) -> tuple[list[Finding], LatticeFit | None]:
     """Findings on an upright white image in counts, and the lattice, None where none is found. ``stated``: the aperture
     that the file states is used; that of a camera calibrated with a target is the one that the white image shows.
-    ``frames_reach``: the largest count of the frames."""
+    ``frames_reach``: the largest count of the frames; ``path``: of the image, where it is a file."""
     out = [*_light(white, camera, name, max(float(white.max()), frames_reach)), *_dead(white, camera, name)]
     try:
         with warnings.catch_warnings():
@@ -42,6 +51,7 @@ def white_image(
         return [Finding(wrong, "unusable", words, advice=advice), *out], None
     out.insert(0, _lattice(fit, name))
     out.insert(1, _f_numbers(white, camera.with_lattice(fit.lattice), name, stated))
+    out += _turned(fit, name, path)
     return out, fit
 
 
@@ -54,6 +64,21 @@ def _lattice(fit: LatticeFit, name: str) -> Finding:
         advice = "more light for the white image, clean the array; in one region alone: the array is distorted there"
         return Finding("lattice-fit", "warning", words, fit.residual_px, "px", advice)
     return Finding("lattice-fit", "good", words, fit.residual_px, "px")
+
+
+def _turned(fit: LatticeFit, name: str, path: Path | None) -> list[Finding]:
+    """Rows of a hexagonal lattice along the columns of a stored array, whose axes some programs write reversed."""
+    if path is None or split(path)[0].suffix.lower() not in ARRAYS or fit.lattice.kind != "hexagonal":
+        return []
+    beside = 30.0 - abs(fit.rotation_deg)
+    if beside > UPRIGHT_DEG:
+        return []
+    words = (
+        f"rows of microlenses of {name} run along the columns: was the array written with its axes reversed, as MATLAB "
+        "does? Then images are mirrored, and with them the flow"
+    )
+    advice = "compare it with the picture on the camera's screen; write arrays as (images, rows, columns)"
+    return [Finding("array-transposed", "warning", words, beside, "degrees", advice)]
 
 
 def _f_numbers(white: NDArray, camera: PlenopticCamera, name: str, is_stated: bool) -> Finding:

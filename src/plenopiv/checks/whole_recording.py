@@ -123,7 +123,7 @@ def check(
         report("white image", 0, 1)
         name = printable(recording.white_path.name)  # type: ignore[union-attr]
         largest = max(float(frame.max()) for frame in frames)
-        of_white, found = white.white_image(image, camera, name, stated, largest)
+        of_white, found = white.white_image(image, camera, name, stated, largest, recording.white_path)
         findings += of_white
         report("white image", 1, 1)
         if found is None:

@@ -11,9 +11,9 @@ from pathlib import Path
 from plenopiv.cli.template import toml
 from plenopiv.errors import PlenoPIVError, printable
 from plenopiv.recording import find_frames, naming, natural_order
-from plenopiv.recording.formats import SEPARATOR, image_datasets
+from plenopiv.recording.formats import SEPARATOR, image_datasets, unlike_images
 from plenopiv.recording.pairs import pairs as pairs_of
-from plenopiv.recording.sources import ImageSource, sources_of
+from plenopiv.recording.sources import ImageSource, only_source, sources_of
 
 FORMATS = ((".tif", ".tiff"), (".im7",), (".h5", ".hdf5"), (".png",), (".npy",))  # the first that has frames is taken
 NOT_USED = {
@@ -65,7 +65,8 @@ def folder_images(folder: Path, sensor_rows: object = None) -> FolderImages:
     by_format = _names(folder)
     everything = [name for names in by_format for name in names]
     if not everything:
-        raise PlenoPIVError(f"{folder}: holds no images; .tif, .png, .npy, .h5 and .im7 files are read")
+        none = f"{folder}: holds no images; .tif, .png, .npy, .h5 and .im7 files are read"
+        raise PlenoPIVError("; ".join([none, *_unlike_images(folder)]))
     with_frames = (names for names in by_format if any(naming.role(name) is None for name in names))
     names = next(with_frames, everything)
     roles: dict[str, list[str]] = defaultdict(list)
@@ -76,7 +77,8 @@ def folder_images(folder: Path, sensor_rows: object = None) -> FolderImages:
     chosen = _alike(roles["frame"])
 
     dark, background = roles["dark"][:1], roles["background"][:2]
-    sources = {name: _sources(folder, name) for name in (white, *dark, *background)}
+    sources: dict[str, tuple[ImageSource, ...]]
+    sources = {name: (only_source(folder / name),) for name in (white, *dark, *background)}
     of_frames, damaged = _of_frames(folder, chosen)
     columns, rows, stacked = _sizes(sources | of_frames, white, list(of_frames), sensor_rows)
     like = next(iter(of_frames.values()), ())
@@ -122,6 +124,12 @@ def _names(folder: Path) -> list[list[str]]:
         if any(unicodedata.category(c) in ("Cc", "Cs") for c in name):
             raise PlenoPIVError(f"{folder / printable(name)}: its name holds characters that are no text; rename it")
     return found
+
+
+def _unlike_images(folder: Path) -> list[str]:
+    """What the first HDF5 file of a folder holds that might be images and is not, in words."""
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in (".h5", ".hdf5"))
+    return [f"{files[0].name}{SEPARATOR}{words}" for words in unlike_images(files[0])[:1]] if files else []
 
 
 def _sources(folder: Path, name: str) -> tuple[ImageSource, ...]:
@@ -209,7 +217,8 @@ def _read(
 ) -> Frames:
     """Which frames belong together."""
     if not names:
-        raise PlenoPIVError(f"{folder}: holds 0 frames beside {others[0]}; a velocity needs two")
+        none = f"{folder}: holds 0 frames beside {others[0]}; a velocity needs two"
+        raise PlenoPIVError("; ".join([none, *_unlike_images(folder)]))
     pages, leave_out = len(sources[names[0]]), [folder / name for name in others]
     for name in names:
         if len(sources[name]) != pages:
@@ -218,6 +227,9 @@ def _read(
     found = naming.looks_like_pairs(names)
     if found is not None:
         return _by_name(folder, found, 2 * pages if stacked else pages, leave_out)
+    if len(names) == 2 and pages > 1 and SEPARATOR in names[0] and naming.are_pulses(*names):
+        words = f"{pages} of a double-frame camera, the images of {names[0]} with those of {names[1]}"
+        return Frames(words, pairs=((names[0], names[1]),))
     count, files = pages * len(names), _span(names)
     if count < 2 and not stacked:
         raise PlenoPIVError(f"{folder}: holds {count} frame beside {others[0]}; a velocity needs two")
@@ -268,6 +280,11 @@ def _pairs(folder: Path, found: naming.NamedPairs, leave_out: Sequence[Path]) ->
 def _pattern(folder: Path, names: list[str], leave_out: Sequence[Path]) -> str:
     """A pattern of files that hold several images each."""
     pattern = naming.glob_of(names)
+    if not pattern and len({name.partition(SEPARATOR)[2] for name in names}) > 1:
+        raise PlenoPIVError(
+            f"{folder / names[0]}: {names[1]} is another data set; store all images in data sets of one name, or name "
+            "both pulses' by a and b"
+        )
     if not pattern:
         raise PlenoPIVError(f"{folder / names[0]}: no pattern can name it and the like; rename without any of *?[]{{}}")
     found = [path.name for path in find_frames(folder, pattern, leave_out)]

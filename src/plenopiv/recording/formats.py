@@ -140,20 +140,40 @@ def image_datasets(path: Path) -> list[str]:
     Raises:
         PlenoPIVError: the file cannot be read.
     """
+    return [name for name, item in _datasets(path) if item[0] in (2, 3) and are_counts(item[1])]
+
+
+def unlike_images(path: Path) -> list[str]:
+    """Names of an HDF5 file's data sets that have two axes or more and are no images, with why and the way out.
+
+    Raises:
+        PlenoPIVError: the file cannot be read.
+    """
+    words = list[str]()
+    for name, (axes, dtype) in _datasets(path):
+        if axes > 3:
+            words.append(f"{name} has {axes} axes; write (images, rows, columns), pulses in data sets of their own")
+        elif axes > 1 and not are_counts(dtype):
+            words.append(f"{name} holds {dtype} values; write 8- or 16-bit unsigned counts")
+    return words
+
+
+def _datasets(path: Path) -> list[tuple[str, tuple[int, np.dtype]]]:
+    """Names, number of axes and type of an HDF5 file's data sets."""
     import h5py
 
-    names: list[str] = []
+    found: list[tuple[str, tuple[int, np.dtype]]] = []
 
     def visit(name: str, item: object) -> None:
-        if isinstance(item, h5py.Dataset) and item.ndim in (2, 3) and are_counts(item.dtype):
-            names.append(name)
+        if isinstance(item, h5py.Dataset):
+            found.append((name, (item.ndim, item.dtype)))
 
     try:
         with h5py.File(path, "r") as file:
             file.visititems(visit)
     except (OSError, RuntimeError) as error:
         raise PlenoPIVError(f"{path}: is no whole HDF5 file ({brief(error)})") from None
-    return names
+    return found
 
 
 class PNGFile:

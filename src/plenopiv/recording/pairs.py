@@ -58,20 +58,21 @@ def pairs(
     """The frames of pairs, and which of them are one: (first, second) numbers.
 
     ``named``: a pattern with braces for the two pulses, ``"run_*_{a,b}.tif"``; one without, of files whose pages are
-    the two pulses of a pair, or of several one after the other; or a list of two names each. ``stacked``: every image
-    has double height and holds both pulses.
+    the two pulses of a pair, or of several one after the other; or a list of two names each. Of two names each may hold
+    many images, the first pulses and the second ones. ``stacked``: every image has double height and holds both pulses.
 
     Raises:
-        PlenoPIVError: nothing matches, a file has no partner, pages do not come in twos, or a file cannot be used.
+        PlenoPIVError: nothing matches, a file has no partner or one of another number of images, pages do not come in
+            twos, or a file cannot be used.
     """
     if not isinstance(named, str):
-        found = [(frame_source(folder / a), frame_source(folder / b)) for a, b in named]
+        found = [pair for a, b in named for pair in _of_both(folder / a, folder / b)]
     elif stacked is not None:
         _without_braces(named, "stacked images hold both pulses")
         images = [source for path in find_frames(folder, named, leave_out) for source in sources_of(path)]
         found = [image.halves(stacked) for image in images]
     elif "{" in named:
-        found = [(frame_source(a), frame_source(b)) for a, b in _partners(folder, named, leave_out)]
+        found = [pair for a, b in _partners(folder, named, leave_out) for pair in _of_both(a, b)]
     else:
         found = []
         for path in find_frames(folder, named, leave_out):
@@ -84,6 +85,23 @@ def pairs(
             found += list(zip(pages[::2], pages[1::2], strict=True))
     frames = tuple(frame for pair in found for frame in pair)
     return frames, tuple((2 * k, 2 * k + 1) for k in range(len(found)))
+
+
+def _of_both(first: Path, second: Path) -> list[tuple[ImageSource, ImageSource]]:
+    """The images of two files, each with the one that stands at the same place in the other."""
+    one, other = _images(first), _images(second)
+    if len(one) != len(other):
+        counts = [len(sources_of(path)) for path in (first, second)]  # a damaged one is told of here
+        raise PlenoPIVError(f"{second}: holds {counts[1]} image(s), {first.name} {counts[0]}; both pulses have as many")
+    return list(zip(one, other, strict=True))
+
+
+def _images(path: Path) -> Frames:
+    """The images of a file; one that cannot be read counts as one image."""
+    try:
+        return sources_of(path)
+    except PlenoPIVError:
+        return (frame_source(path),)
 
 
 def _partners(folder: Path, pattern: str, leave_out: Sequence[Path]) -> list[tuple[Path, Path]]:
