@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from math import inf
+from pathlib import Path
 
 
 class PlenoPIVError(Exception):
@@ -14,6 +17,19 @@ def check_positive(of: str, **lengths: float) -> None:
     for name, value in lengths.items():
         if not 0 < value < inf:
             raise PlenoPIVError(f"{of}: {name} = {value}, give a positive number")
+
+
+@contextmanager
+def told_of(path: Path) -> Iterator[None]:
+    """Turn errors of the system into a line that names ``path``.
+
+    Raises:
+        PlenoPIVError: a file cannot be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise PlenoPIVError(f"{path}: cannot be written ({error.strerror or error})") from None
 
 
 class PlenoPIVWarning(UserWarning):

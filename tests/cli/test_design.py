@@ -2,11 +2,14 @@
 
 import json
 from functools import partial
+from math import nan
 
 import pytest
 
+from plenopiv.accuracy.velocity import Errors
 from plenopiv.cli import main
-from plenopiv.design.twin import twin
+from plenopiv.design.twin import Twin, twin
+from plenopiv.errors import PlenoPIVError
 
 SHEET = {
     "main_lens": {"focal_length_mm": 50, "aperture_mm": 25, "magnification": -1},
@@ -108,3 +111,52 @@ def test_design_refuses_what_it_would_overwrite_and_strange_densities(tmp_path, 
 def test_what_asks_for_twins_is_refused_where_none_shall_be_simulated(tmp_path, one_line, option):
     sheet = written(tmp_path / "optics.json")
     assert f"{option[0]}: asks for simulated twins" in one_line("design", sheet, "--no-simulate", *option)
+
+
+class Simulated:
+    """Instead of twins: errors that grow with the density, and none below ``fewest``."""
+
+    def __init__(self, fewest, nan=()):
+        self.fewest, self.nan, self.asked = fewest, nan, []
+
+    def __call__(self, camera, measured, *, seeding, seed, progress):
+        ppm = seeding.particles_per_microlens
+        self.asked.append((camera.main_lens.magnification, ppm))
+        if ppm < self.fewest:
+            raise PlenoPIVError("accuracy: no vector has a whole window inside")
+        rms = (nan if ppm in self.nan else ppm,) * 3
+        return Twin(camera, measured, ppm, 14.0, 0.3, 1, 60, Errors(1.0, 0.0, rms, rms, ()), ())
+
+
+def test_variants_have_the_density_of_the_best_twin(tmp_path, capsys, monkeypatch):
+    simulated = Simulated(fewest=0.3, nan=(0.4,))
+    monkeypatch.setattr("plenopiv.design.sheet.twin", simulated)
+    sheet = written(tmp_path / "optics.json", sensor__columns=900, sensor__rows=900)
+    densities = [word for ppm in (0.1, 0.4, 2, 0.5) for word in ("--density", str(ppm))]
+    assert main(["design", str(sheet), "--depth", "-1.6", "1.6", *densities, "--compare"]) == 0
+    told = capsys.readouterr()
+    assert "0.1 particles per microlens: is left out (accuracy: no vector" in told.err
+    assert "Aim for 0.5 particles per microlens" in told.out
+    assert "errors at 0.5 ppm):" in told.out
+    assert {ppm for _, ppm in simulated.asked[4:]} == {0.5}
+    assert len(simulated.asked) > 8
+
+
+def test_densities_of_which_nothing_comes(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("plenopiv.design.sheet.twin", Simulated(fewest=1.0))
+    sheet = written(tmp_path / "optics.json", sensor__columns=900, sensor__rows=900)
+    assert main(["design", str(sheet), "--depth", "-1.6", "1.6", "--density", "0.1"]) == 2
+    _, *said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert "optics.json: no velocity comes of any of these densities; give others with --density" in said[0]
+
+
+def test_a_volume_off_focus_has_no_column_of_focus(tmp_path, capsys):
+    sheet = written(tmp_path / "optics.json", sensor__columns=900, sensor__rows=900)
+    assert main(["design", str(sheet), "--no-simulate", "--depth", "1", "3"]) == 0
+    text = capsys.readouterr().out
+    assert "z = 0" not in text
+    (by_depth,) = [line for line in text.splitlines() if line.strip().startswith("+2.00")]
+    (given,) = [line for line in text.splitlines() if line.strip().startswith("as given")]
+    across, in_depth = (by_depth.split()[at] for at in (4, 6))
+    assert [given.split()[at] for at in (-4, -2)] == [across, in_depth]

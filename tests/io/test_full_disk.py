@@ -63,3 +63,53 @@ def test_files_that_grow_too_large_are_refused_by_name(tmp_path):
         "velocity.nc",
         "volume.h5",
     ]
+
+
+SIMULATED = """
+import resource, signal, sys
+from pathlib import Path
+import numpy as np
+from plenopiv.errors import PlenoPIVError
+from plenopiv.io import OutputFolder
+from plenopiv.simulation.simulated_recording import write_folder
+
+folder, rng = Path(sys.argv[1]), np.random.default_rng(0)
+images = {"white": rng.integers(0, 4000, (200, 200)).astype(np.uint16)}
+truth = {"truth_particles": {"a": rng.random((2000, 3))}}
+texts = {"experiment.toml": "a" * 5000}
+
+
+def staged(out):
+    with OutputFolder(out, overwrite=True) as made:
+        made.write_bytes("design.png", rng.bytes(60_000))
+
+
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+for write, name in (
+    (lambda out: write_folder(out, images, {}, {}), "white.tif"),
+    (lambda out: write_folder(out, {}, truth, {}), "truth_particles.npz"),
+    (lambda out: write_folder(out, {}, {}, texts), "experiment.toml"),
+    (staged, "design.png"),
+):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, resource.RLIM_INFINITY))
+    out = folder / name.replace(".", "-")
+    try:
+        write(out)
+    except PlenoPIVError as error:
+        assert str(error).startswith(f"{out / name}: cannot be written ("), error
+    else:
+        raise AssertionError(f"{name} was written")
+    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    assert not out.exists() or not list(out.iterdir()), list(out.iterdir())
+    write(out)
+    assert [path.name for path in out.iterdir()] == [name]
+print("all refused")
+"""
+
+
+@pytest.mark.skipif(not hasattr(resource, "RLIMIT_FSIZE"), reason="no limit of a file's size")
+def test_recordings_and_designs_on_a_full_disk(tmp_path):
+    """A line that names the file, and nothing left behind that fills the disk."""
+    command = [sys.executable, "-c", SIMULATED, str(tmp_path)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "all refused\n", "")

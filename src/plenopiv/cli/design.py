@@ -69,7 +69,7 @@ def design(
     with OutputFolder(folder, overwrite=True) as out:
         out.write_json(FILE, found.as_dict() | {"costs": costs(found.optics)})
         out.write_text("design.txt", text + "\n")
-        out.path("design.png").write_bytes(png(design_figure(found)))
+        out.write_bytes("design.png", png(design_figure(found)))
     return f"{text}\n\n{folder / FILE}\n{folder / 'design.txt'}\n{folder / 'design.png'}"
 
 
@@ -170,7 +170,7 @@ def _variants(found: Design) -> str:
     twins = found.variant_twins or (None,) * len(found.variants)
     for optics, simulated in zip((found.optics, *found.variants), (found.best, *twins), strict=True):
         (_, _, (lo, hi)), half = optics.measurement.limits_mm, (optics.dead_zone_mm[1] - optics.dead_zone_mm[0]) / 2
-        end, middle = optics.depths[-1], optics.depths[len(optics.depths) // 2]
+        end, middle = max(optics.depths, key=lambda d: abs(d.z_mm)), optics.depths[len(optics.depths) // 2]
         errors = "" if simulated is None else " ".join(f"{e:.3f}" for e in simulated.errors.rms)
         rows.append(
             (
@@ -186,8 +186,10 @@ def _variants(found: Design) -> str:
                 errors,
             )
         )
+    density = "" if found.best is None else f", errors at {found.best.particles_per_microlens:g} ppm"
     head = (
         "what changes", "lenses", "dead zone +-mm", "field (mm)", "depth (mm)",
-        "across, z = 0", "at the end", "in depth, z = 0", "at the end", "RMS x y z (voxel)" if found.best else "",
+        "across, middle", "far end", "in depth, middle", "far end", "RMS x y z (voxel)" if found.best else "",
     )  # fmt: skip
-    return _table("What would change (distances in um as above, apertures matched anew):", head, rows)
+    title = f"What would change (field and um as above in the middle of the depth, apertures matched anew{density}):"
+    return _table(title, head, rows)

@@ -139,5 +139,5 @@ def _drawn(experiment: Experiment, name: str, figure: Figure) -> Outcome:
 
     folder = experiment.folder / FOLDER
     with OutputFolder(folder, overwrite=True) as out:
-        out.path(name).write_bytes(png(figure))
+        out.write_bytes(name, png(figure))
     return Outcome(printable(str(folder / name)), {"files": [str(folder / name)]})

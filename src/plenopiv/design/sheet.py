@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from math import pi
+from math import inf, isfinite, pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from plenopiv.design.light_columns import fan_mm
 from plenopiv.design.resolution import mean_free_shift
 from plenopiv.design.twin import Progress, Twin, twin
 from plenopiv.design.variants import variants
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.simulation.simulated_recording import Seeding
 
 DEPTHS = 17  # of a table
@@ -60,16 +61,22 @@ class Design:
     optics: Optics
     variants: tuple[Optics, ...]
     twins: tuple[Twin, ...]
-    variant_twins: tuple[Twin, ...]
+    variant_twins: tuple[Twin | None, ...]
 
     @property
     def best(self) -> Twin | None:
         """The twin with the least error, its components counted in voxels; None without twins."""
-        return min(self.twins, key=lambda t: sum(e**2 for e in t.errors.rms), default=None)
+        return min(self.twins, key=_badness, default=None)
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain dictionaries and numbers, for JSON."""
         return asdict(self)
+
+
+def _badness(twin: Twin) -> float:
+    """Sum of the squares of a twin's errors; infinite where one is not known."""
+    found = sum(e**2 for e in twin.errors.rms)
+    return found if isfinite(found) else inf
 
 
 def design(
@@ -84,21 +91,22 @@ def design(
     """Resolution, field, variants and expected errors of a camera.
 
     ``depth_mm``: what is lit, default where the camera resolves depth well. ``densities``: particles per microlens,
-    each simulated in a twin; none leave velocity errors out. ``simulate_variants``: a twin of each variant too, at
-    one particle per microlens.
+    each simulated in a twin; none leave velocity errors out, and one of which no velocity comes is warned of.
+    ``simulate_variants``: a twin of each variant too, at the density of the best one.
 
     Raises:
         PlenoPIVError: the optics contradict one another, the aperture over- or underfills the microlenses, the depth
-            is empty or holds the main lens.
+            is empty or holds the main lens; no velocity comes of any density.
     """
     wrong = contradictions(camera)
     unmatched = mismatch(camera)
     if wrong or unmatched:
         raise PlenoPIVError(wrong[0] if wrong else f"main_lens.aperture_mm: {unmatched}")
     base = optics(camera, depth_mm, "as given")
-    seeded = [Seeding(particles_per_microlens=density) for density in densities]
-    others, other_twins = [], []
-    twins = [twin(camera, base.measurement, seeding=s, seed=seed, progress=progress) for s in seeded]
+    others, other_twins = [], list[Twin | None]()
+    twins = _twins(camera, base.measurement, densities, seed, progress)
+    best = min(twins, key=_badness, default=None)
+    seeding = Seeding() if best is None else Seeding(particles_per_microlens=best.particles_per_microlens)
     for name, other in variants(camera):
         try:
             if contradictions(other):
@@ -108,8 +116,37 @@ def design(
             continue
         others.append(found)
         if simulate_variants:
-            other_twins.append(twin(other, found.measurement, seed=seed, progress=progress))
+            other_twins.append(_twin(other, found.measurement, seeding, seed, progress, name))
     return Design(base, tuple(others), tuple(twins), tuple(other_twins))
+
+
+def _twins(
+    camera: PlenopticCamera, measured: Measurement, densities: Sequence[float], seed: int, progress: Progress | None
+) -> list[Twin]:
+    """The twins of which velocities come."""
+    made = [
+        _twin(
+            camera, measured, Seeding(particles_per_microlens=ppm), seed, progress, f"{ppm:g} particles per microlens"
+        )
+        for ppm in densities
+    ]
+    found = [each for each in made if each is not None]
+    if made and not found:
+        raise PlenoPIVError(
+            "no velocity comes of any of these densities; give others with --density, another --depth, or --no-simulate"
+        )
+    return found
+
+
+def _twin(
+    camera: PlenopticCamera, measured: Measurement, seeding: Seeding, seed: int, progress: Progress | None, name: str
+) -> Twin | None:
+    """A twin; None, with a warning, where no velocity comes of it."""
+    try:
+        return twin(camera, measured, seeding=seeding, seed=seed, progress=progress)
+    except PlenoPIVError as error:
+        warnings.warn(f"{name}: is left out ({error})", PlenoPIVWarning, stacklevel=4)
+        return None
 
 
 def _scaled(depth_mm: tuple[float, float], camera: PlenopticCamera, other: PlenopticCamera) -> tuple[float, float]:

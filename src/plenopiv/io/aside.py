@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import told_of
 
 
 @contextmanager
@@ -128,19 +128,6 @@ def hdf5_aside(path: str | Path) -> Iterator[Unfailing]:
             if file.error is None:
                 raise
         file.check()
-
-
-@contextmanager
-def told_of(path: Path) -> Iterator[None]:
-    """Turn errors of the system into a line that names ``path``.
-
-    Raises:
-        PlenoPIVError: a file cannot be written.
-    """
-    try:
-        yield
-    except OSError as error:
-        raise PlenoPIVError(f"{path}: cannot be written ({error.strerror or error})") from None
 
 
 def sync_names(folder: Path) -> None:

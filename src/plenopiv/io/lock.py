@@ -15,8 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from plenopiv.errors import PlenoPIVError
-from plenopiv.io.aside import told_of
+from plenopiv.errors import PlenoPIVError, told_of
 
 try:
     import fcntl

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, told_of
 from plenopiv.io.lock import FolderLock
 
 STAGE_LOCK = "lock"
@@ -47,7 +47,7 @@ class OutputFolder:
 
     def __enter__(self) -> OutputFolder:
         if self.directory.exists() and not self.directory.is_dir():
-            raise PlenoPIVError(f"{self.directory}: is a file; output.directory must name a folder")
+            raise PlenoPIVError(f"{self.directory}: is a file; name a folder")
         if not self.overwrite and all((self.directory / name).exists() for name in COMPLETE):
             raise PlenoPIVError(f"{self.directory}: holds a complete run; use --overwrite, or another output.directory")
         try:
@@ -77,7 +77,16 @@ class OutputFolder:
 
     def write_text(self, name: str, text: str) -> None:
         """Stage a text file (UTF-8)."""
-        self.path(name).write_text(text, encoding="utf-8", newline="\n")
+        self.write_bytes(name, text.encode())
+
+    def write_bytes(self, name: str, content: bytes) -> None:
+        """Stage a file.
+
+        Raises:
+            PlenoPIVError: it cannot be written, as on a full disk.
+        """
+        with told_of(self.directory / name):
+            self.path(name).write_bytes(content)
 
     def write_json(self, name: str, content: dict[str, Any]) -> None:
         """Stage a JSON file; numpy values become numbers and lists, NaN and infinities null."""

@@ -15,9 +15,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, told_of
 from plenopiv.io import manifest as manifests
-from plenopiv.io.aside import is_being_written, told_of, written_aside
+from plenopiv.io.aside import is_being_written, written_aside
 from plenopiv.io.beside import INPUTS, WORK, warn_of_earlier
 from plenopiv.io.into_place import move_into_place
 from plenopiv.io.lock import FolderLock

@@ -25,7 +25,7 @@ from plenopiv.cameras.coverage import pixels_that_see, seen_by_every_view_mm
 from plenopiv.cameras.space_map import SpaceMap
 from plenopiv.design.advice import Limits, Window
 from plenopiv.device.backend import device_of
-from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, told_of
 from plenopiv.experiment import Experiment
 from plenopiv.io.into_place import files_of
 from plenopiv.io.manifest import NAME as MANIFEST
@@ -77,7 +77,8 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
         images.mkdir()
         pictures, named = _pictures(recording, part)
         for name, picture in pictures.items():
-            tifffile.imwrite(images / name, np.ascontiguousarray(picture))
+            with told_of(folder / IMAGES / name):
+                tifffile.imwrite(images / name, np.ascontiguousarray(picture))
         drift = experiment.recording_table.drift
         tables["recording"] = named | {"dt_s": recording.dt_s, "orientation": "upright", "drift": drift}
         _take_body(experiment, tables, images)
@@ -85,7 +86,8 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
         result = run(
             Experiment.from_dict(tables, images / "experiment.toml"), progress, force=True, space=space, target=target
         )
-        (stage / PICTURE).write_bytes(png(velocity_figure(result.velocity)))
+        with told_of(folder / PICTURE):
+            (stage / PICTURE).write_bytes(png(velocity_figure(result.velocity)))
         stage.chmod(0o755)  # a temporary folder is its owner's alone
         shutil.rmtree(folder, ignore_errors=True)
         lock.__exit__()

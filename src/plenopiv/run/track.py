@@ -21,10 +21,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plenopiv.chain import Chain
-from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable, told_of
 from plenopiv.experiment import Experiment
 from plenopiv.experiment.tracking_table import TrackingTable
-from plenopiv.io.aside import told_of
 from plenopiv.io.manifest import hash_of, is_whole
 from plenopiv.io.netcdf import read_velocity
 from plenopiv.io.output import plain

@@ -11,9 +11,8 @@ import numpy as np
 
 import plenopiv
 from plenopiv.displacement.resolution import effective_window
-from plenopiv.errors import printable
+from plenopiv.errors import printable, told_of
 from plenopiv.experiment import Experiment
-from plenopiv.io.aside import told_of
 from plenopiv.io.netcdf import read_velocity
 from plenopiv.io.output import plain
 from plenopiv.io.series_file import write_series

@@ -13,7 +13,8 @@ import json
 import operator
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from math import degrees
 from pathlib import Path
@@ -25,7 +26,7 @@ from numpy.typing import NDArray
 
 from plenopiv.cameras.drift import ArrayDrift
 from plenopiv.cameras.plenoptic import PlenopticCamera
-from plenopiv.errors import PlenoPIVError
+from plenopiv.errors import PlenoPIVError, told_of
 from plenopiv.sensor import Orientation
 from plenopiv.simulation.experiment_file import Settings, default_voxel_mm, experiment_toml
 from plenopiv.simulation.flows import Velocity, advect, describe
@@ -290,21 +291,40 @@ def write_folder(
 
     ``images`` by name, without ``.tif``; ``truth``: arrays by name, by name of their file without ``.npz``; ``texts``
     by file name.
+
+    Raises:
+        PlenoPIVError: a file cannot be written, as on a full disk; nothing is left behind.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    with told_of(out):
+        out.mkdir(parents=True, exist_ok=True)
     parts: list[tuple[Path, Path]] = []
+    try:
+        for name, image in images.items():
+            with _aside(out / f"{name}.tif", parts) as part:
+                tifffile.imwrite(part, image, compression="adobe_deflate", predictor=True)
+        for name, arrays in truth.items():
+            with _aside(out / f"{name}.npz", parts) as part, open(part, "wb") as f:
+                np.savez_compressed(f, **arrays)  # type: ignore[arg-type]
+        for name in sorted(texts, key=lambda n: n == COMPLETE):
+            with _aside(out / name, parts) as part:
+                part.write_text(texts[name] + "\n")
+        with told_of(out):
+            _into_place(out, parts)
+    finally:
+        for part, _ in parts:
+            with suppress(OSError):
+                part.unlink()
 
-    def aside(name: str) -> Path:
-        parts.append((out / f".{name}.part", out / name))
-        return parts[-1][0]
 
-    for name, image in images.items():
-        tifffile.imwrite(aside(f"{name}.tif"), image, compression="adobe_deflate", predictor=True)
-    for name, arrays in truth.items():
-        with open(aside(f"{name}.npz"), "wb") as f:
-            np.savez_compressed(f, **arrays)  # type: ignore[arg-type]
-    for name in sorted(texts, key=lambda n: n == COMPLETE):
-        aside(name).write_text(texts[name] + "\n")
+@contextmanager
+def _aside(final: Path, parts: list[tuple[Path, Path]]) -> Iterator[Path]:
+    """Where to write what shall become ``final``, which ``parts`` then lists."""
+    parts.append((final.with_name(f".{final.name}.part"), final))
+    with told_of(final):
+        yield parts[-1][0]
+
+
+def _into_place(out: Path, parts: list[tuple[Path, Path]]) -> None:
     (out / COMPLETE).unlink(missing_ok=True)
     if (out / "truth.json").exists():
         for path in set(out.iterdir()) - {final for _, final in parts}:
