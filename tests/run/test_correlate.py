@@ -181,7 +181,7 @@ def test_what_is_not_as_the_run_left_it_is_refused_before_any_work(results, spoi
         (["--windows", "40x40x400"], "correlation.windows[0]: 400 voxels along z do not fit"),
         (["--windows", "40x40"], "--windows 40x40: give voxels along x, y, z"),
         (["--inner-window", "8x8x8,8x8x8"], "--inner-window 8x8x8,8x8x8: give voxels along x, y, z"),
-        (["--overlap", "2"], "correlation.overlap: 2.0 is out of range"),
+        (["--overlap", "2"], "plenopiv: error: correlation.overlap: 2.0 is out of range"),
         (["--windows", "40x40x24", "--out", "RESULTS"], "holds the volumes; name another folder"),
     ],
 )

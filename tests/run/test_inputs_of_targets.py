@@ -11,9 +11,10 @@ import tifffile
 import tomli_w
 from calibrations import calibrated
 
+from plenopiv.cameras.space_map import ViewShift
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment import Experiment
-from plenopiv.io.calibration_file import load_calibration
+from plenopiv.io.calibration_file import load_calibration, save_calibration
 from plenopiv.run import target
 from plenopiv.run.calibrated import calibrated_camera
 from plenopiv.run.inputs import calibrating_files, exactly
@@ -210,3 +211,16 @@ def test_a_results_folder_finds_the_one_beside_the_images(folder, made):
     write(folder / "middle.tif", 99)
     target.target_calibration(again, again.recording())
     assert len(made) == 2
+
+
+@pytest.mark.parametrize("beside", [None, ViewShift(12.5, 1.2, 1, ((1e-3, 0.0),) * 5)])
+def test_a_self_calibration_that_is_lost_is_told_of(folder, made, beside):
+    """With what it was added to, where another camera makes that anew."""
+    experiment, recording = opened(folder)
+    inputs = target.inputs_of(experiment, recording) | {"[camera]": "another"}
+    save_calibration(replace(calibrated(), beside=beside), inputs, folder / "calibration.toml")
+    with pytest.warns(PlenoPIVWarning, match=r"was made of other inputs \(\[camera\]\); it is made again") as told:
+        target.target_calibration(experiment, recording)
+    assert made == [1]
+    lost = "what plenopiv selfcalibrate added is lost: give it again"
+    assert [str(w.message).endswith(lost) for w in told] == [beside is not None]

@@ -7,8 +7,8 @@ from conftest import VELOCITY_M_S
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
-from plenopiv.io.manifest import Manifest
-from plenopiv.run.preview import cropped, not_of_a_preview, preview
+from plenopiv.io.manifest import Manifest, hash_of
+from plenopiv.run.preview import changed_since, cropped, not_of_a_preview, preview
 
 
 @pytest.mark.full
@@ -89,3 +89,16 @@ def test_a_preview_that_cannot_be(experiment):
     with pytest.raises(PlenoPIVError, match="holds something else than a preview"):
         preview(experiment)
     assert (experiment.folder / "preview" / "notes.txt").read_text() == "mine"
+
+
+def test_an_experiment_file_that_was_changed_is_not_replaced(experiment):
+    folder = experiment.folder / "preview"
+    folder.mkdir()
+    file = folder / "experiment.toml"
+    file.write_text("as written")
+    (folder / "manifest.jsonl").write_text(Manifest({}, {}, {"experiment.toml": hash_of(file)}).text())
+    assert not changed_since(folder)
+    file.write_text("iterations = 9")
+    with pytest.raises(PlenoPIVError, match=r"preview/experiment\.toml: was changed, and a preview would replace it"):
+        preview(experiment)
+    assert file.read_text() == "iterations = 9"

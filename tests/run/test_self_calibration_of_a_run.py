@@ -15,12 +15,14 @@ from plenopiv.cameras.lens_space import behind_window
 from plenopiv.cameras.medium import Medium
 from plenopiv.cameras.space_map import ViewShift
 from plenopiv.cli import main
+from plenopiv.cli.self_calibrate import self_calibrate as said
 from plenopiv.errors import PlenoPIVError
 from plenopiv.experiment import Experiment
 from plenopiv.io.calibration_file import load_calibration, save_calibration
-from plenopiv.run.self_calibrate import self_calibrate
+from plenopiv.run.self_calibrate import SelfCalibration, self_calibrate
 from plenopiv.run.target import inputs_of
 from plenopiv.tracking.ray_shifts import together
+from plenopiv.tracking.with_calibration import Step
 
 TARGET = {
     "target": "dots",
@@ -74,10 +76,11 @@ def test_wrong_views_are_corrected_and_a_right_calibration_stays(folder, capsys)
     calibrate(folder, shift(WRONG))
     before = visible_um(shift(WRONG))
     assert main(["--json", "selfcalibrate", str(folder / "experiment.toml")]) == 0
-    said = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert said["corrected"]
-    assert said["chi2"][1] < said["chi2"][0]
-    assert said["hidden"] > 3
+    facts = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert facts["corrected"]
+    assert facts["settled"]
+    assert facts["chi2"][1] < facts["chi2"][0]
+    assert facts["hidden"] > 3
     corrected, _ = load_calibration(folder / "calibration.toml")
     assert visible_um(corrected.beside) < 0.35 * before
     experiment = calibrate(folder, None)
@@ -85,6 +88,24 @@ def test_wrong_views_are_corrected_and_a_right_calibration_stays(folder, capsys)
     left, _ = load_calibration(folder / "calibration.toml")
     assert found.rms_um < 0.35 * before
     assert left.beside is None or visible_um(left.beside) < 0.35 * before
+
+
+@pytest.mark.parametrize("settled", [True, False])
+def test_steps_that_did_not_settle_are_told_of(tmp_path, monkeypatch, recwarn, settled):
+    chi2 = 6.7, 6.6
+    found = SelfCalibration(tmp_path / "calibration.toml", None, 0.3, 0.04, 5, 0.08, settled, chi2, 900, 40, 4)
+    monkeypatch.setattr("plenopiv.run.self_calibrate.self_calibrate", lambda *given: found)
+    monkeypatch.setattr("plenopiv.experiment.Experiment.load", lambda file: None)
+    facts = said(tmp_path / "experiment.toml").facts
+    assert (facts["settled"], facts["last_step_um"]) == (settled, 0.08)
+    words = "calibration.toml: the last of 5 steps still changed the views by 0.08 um RMS"
+    assert [words in str(w.message) for w in recwarn] == [True] * (not settled)
+
+
+@pytest.mark.parametrize(("change", "std", "settled"), [(0.2, 0.1, False), (0.04, 0.01, True), (0.2, 0.3, True)])
+def test_steps_settle_where_they_hardly_change_or_by_less_than_is_known(change, std, settled):
+    one = np.zeros((1, 3)), np.ones(1), np.array([0.3, 0.4])
+    assert Step(*one, std, 1.0, change).settled == settled
 
 
 def test_without_a_target_there_is_nothing_to_correct(recorded):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 from plenopiv.cli.progress import Progress
 from plenopiv.cli.terminal import Outcome
+from plenopiv.errors import PlenoPIVWarning
 from plenopiv.experiment import Experiment
 
 
@@ -27,15 +29,21 @@ def self_calibrate(file: Path) -> Outcome:
         f"{found.fitted} combinations of polynomials were fitted; {found.hidden} that no particle tells, among them a "
         "shift of all, a scale and a shift of depth, stay as the target has them",
     ]
+    if not found.settled:
+        words = f"{found.file}: the last of {found.steps} steps still changed the views by {found.last_um:.2f} um RMS"
+        advice = "the correction is known no better than that; more light or particles, and a calibration nearer to it"
+        warnings.warn(f"{words}: {advice}", PlenoPIVWarning, stacklevel=2)
     if found.shift is None:
         lines.append(f"nothing is gained: {found.file} stays as it was")
     else:
-        lines.append(f"{found.file}: corrected; plenopiv run uses it")
+        lines.append(f"{found.file}: corrected; plenopiv run uses it, results of before take --overwrite")
     facts = {
         "corrected": found.shift is not None,
         "rms_um": found.rms_um,
         "std_um": found.std_um,
         "steps": found.steps,
+        "last_step_um": found.last_um,
+        "settled": found.settled,
         "chi2": list(found.chi2),
         "particles": found.particles,
         "fitted": found.fitted,

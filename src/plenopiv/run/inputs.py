@@ -159,7 +159,8 @@ def changed_frame(recording: Recording, record: Mapping[str, Any]) -> str | None
         except PlenoPIVError:
             same = False
         if not same:
-            return f"{recording.frames[k].name} is another image than the one that was measured"
+            was_read = "the one that was measured" if entry["sha256"] else "the one that could not be read"
+            return f"{recording.frames[k].name} is another image than {was_read}"
     return None
 
 

@@ -119,7 +119,10 @@ class KeptVolumes:
             correlation.pop("inner_window", None)
         correlation |= {key: value for key, value in changed.items() if value is not None}
         tables["output"]["volumes"] = False
-        found = Experiment.from_dict(tables, self.experiment.path)
+        try:
+            found = Experiment.from_dict(tables, self.experiment.path)
+        except PlenoPIVError as error:  # of the keys that are given here, not of the run's file
+            raise PlenoPIVError(str(error).removeprefix(f"{self.experiment.path}: ")) from None
         out = out or self._beside(found, changed, words)
         if out.resolve() == self.results.resolve():
             raise PlenoPIVError(f"{out}: holds the volumes; name another folder")
@@ -233,8 +236,8 @@ class KeptVolumes:
         now, then = ([of["images"][:count], of.get("space")] for of in (found, stated))
         if now != then:
             raise PlenoPIVError(
-                f"{self.results}: its files give another calibration now than when it was run; run again with "
-                "--overwrite"
+                f"{self.results}: its files give another calibration now than when it was run (was it calibrated or "
+                "self-calibrated since?); run again with --overwrite"
             )
         return chain.on_device(device)
 

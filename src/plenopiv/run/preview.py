@@ -29,7 +29,7 @@ from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, told_of
 from plenopiv.experiment import Experiment
 from plenopiv.io.into_place import files_of
 from plenopiv.io.manifest import NAME as MANIFEST
-from plenopiv.io.manifest import Manifest
+from plenopiv.io.manifest import Manifest, hash_of
 from plenopiv.io.output import made_stage, sweep_stages
 from plenopiv.recording import Recording
 from plenopiv.report.figures import png, velocity_figure
@@ -45,7 +45,7 @@ WIDER = 2.0  # voxels in the plane
 WINDOWS_ACROSS = 3.0  # last windows along x and y, as the experiment has them
 ITERATIONS, FINE_PASSES = 3, 2
 SMALLEST = 8  # voxels of a window's side
-FOLDER, IMAGES, STAGE = "preview", "images", ".preview-"
+FOLDER, IMAGES, STAGE, EXPERIMENT = "preview", "images", ".preview-", "experiment.toml"
 PICTURE = "preview.png"
 
 
@@ -57,13 +57,17 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
 
     Raises:
         PlenoPIVError: an input or the device cannot be used, the volume leaves out the optical axis, or the folder
-            ``preview`` is the results folder or holds something else.
+            ``preview`` is the results folder, holds something else, or an experiment file that was changed.
     """
     folder = experiment.folder / FOLDER
     if folder.resolve() == experiment.output_directory.resolve():
         raise PlenoPIVError(f"{folder}: is the results folder, and a preview goes there; rename output.directory")
     if strange := not_of_a_preview(folder):
         raise PlenoPIVError(f"{folder}: holds something else than a preview ({', '.join(strange[:3])}); move it")
+    if changed_since(folder):
+        raise PlenoPIVError(
+            f"{folder / EXPERIMENT}: was changed, and a preview would replace it; copy the folder, or remove the file"
+        )
     device_of(experiment.compute.device, experiment.compute.device_memory_gb)  # now: before images are read
     recording = experiment.recording()
     target, space = target_calibration(experiment, recording), of_experiment.space_of(experiment, recording)
@@ -97,6 +101,12 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
         lock.__exit__()
         shutil.rmtree(stage, ignore_errors=True)
     return replace(result, directory=folder)
+
+
+def changed_since(folder: Path) -> bool:
+    """Whether the experiment file of a preview is another one than the preview wrote."""
+    made, path = Manifest.read(folder / MANIFEST), folder / EXPERIMENT
+    return made is not None and EXPERIMENT in made.files and path.exists() and hash_of(path) != made.files[EXPERIMENT]
 
 
 def not_of_a_preview(folder: Path) -> list[str]:

@@ -30,7 +30,8 @@ Progress = Callable[[str, int, int], None]
 @dataclass(frozen=True)
 class SelfCalibration:
     """What was found: the calibration ``file``; ``shift``, None where particles ask for none; its RMS over all rays and
-    standard deviation, um, by ``steps``; ``chi2`` per lit pixel of the frame that had no part in the fit, before and
+    standard deviation, um, by ``steps``, of which the last changed it by ``last_um``, and ``settled`` says whether that
+    is little; ``chi2`` per lit pixel of the frame that had no part in the fit, before and
     after; how many combinations of the polynomials were ``fitted``, and how many no particle tells, ``hidden``."""
 
     file: Path
@@ -38,6 +39,8 @@ class SelfCalibration:
     rms_um: float
     std_um: float
     steps: int
+    last_um: float
+    settled: bool
     chi2: tuple[float, float]
     particles: int
     fitted: int
@@ -84,7 +87,8 @@ def self_calibrate(experiment: Experiment, progress: Progress | None = None) -> 
     save_calibration(replace(target, beside=beside), of_target.inputs_of(experiment, recording), path)
     report("self-calibration", STEPS + 2, STEPS + 2)
     particles = len(seen.light)
-    return SelfCalibration(path, shift, found.rms, found.std, steps, chi2, particles, shifts.count, terms.hidden)
+    of_steps = found.rms, found.std, steps, found.change, found.settled
+    return SelfCalibration(path, shift, *of_steps, chi2, particles, shifts.count, terms.hidden)
 
 
 def _seen(chain: Chain, recording: Recording, number: int, wavelength_nm: float) -> Seen:

@@ -52,8 +52,9 @@ def target_calibration(
         if of == inputs:
             return found
         changed = sorted(key for key in {*of, *inputs} if of.get(key) != inputs.get(key))
+        lost = "" if found.beside is None else "; what plenopiv selfcalibrate added is lost: give it again"
         warnings.warn(
-            f"{path}: was made of other inputs ({', '.join(changed[:3])}); it is made again",
+            f"{path}: was made of other inputs ({', '.join(changed[:3])}); it is made again{lost}",
             PlenoPIVWarning,
             stacklevel=2,
         )

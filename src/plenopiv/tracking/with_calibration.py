@@ -67,13 +67,19 @@ class Seen:
 @dataclass(frozen=True)
 class Step:
     """Particles, (n, 3) mm and counts, and the ``amounts`` after a step; ``std``: standard deviation of all amounts
-    together; ``chi2`` of the lit pixels before it."""
+    together; ``chi2`` of the lit pixels before it; ``change``: of the amounts by it, root mean square."""
 
     position_mm: Array
     light: Array
     amounts: Array
     std: float
     chi2: float
+    change: float = 0.0
+
+    @property
+    def settled(self) -> bool:
+        """Whether this step hardly changed the amounts."""
+        return self.change < max(STILL * self.rms, self.std)
 
     @property
     def rms(self) -> float:
@@ -89,11 +95,10 @@ def settle(
     light = joint.fit_light(calibration.lights(none)(seen.position_mm), seen.pixels, seen.light)
     prior, found, number = joint.Prior(seen.position_mm, prior_std_mm), Step(seen.position_mm, light, none, 0, 0), 0
     for number in range(1, STEPS + 1):
-        before = found.amounts
         iterations = THEN if number > 1 else FIRST
-        found = step(calibration, seen.pixels, found.position_mm, found.light, prior, before, iterations)
+        found = step(calibration, seen.pixels, found.position_mm, found.light, prior, found.amounts, iterations)
         done(number)
-        if float(np.linalg.norm(found.amounts - before)) < max(STILL * found.rms, found.std):
+        if found.settled:
             break
     return found, number
 
@@ -145,7 +150,7 @@ def step(
     brighter = np.maximum(light * (1.0 + np.clip(moved[:, 3], -0.7, 2.0)), least)
     std = float(np.sqrt(np.trace(np.linalg.inv(reduced))))
     chi2 = float(np.mean(fit.residual[lit] ** 2 / fit.variance[lit]))
-    return Step(position, brighter, before + found, std, chi2)
+    return Step(position, brighter, before + found, std, chi2, float(np.linalg.norm(found)))
 
 
 def _coupling(fit: joint.Fit, weighted: Array, lit: Lit, pixels: int) -> Array:
