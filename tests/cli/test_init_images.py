@@ -152,6 +152,19 @@ def test_data_sets_of_one_hdf5_file(tmp_path, capsys):
     assert "rec.h5::camera/white" in line(capsys.readouterr().out.splitlines(), "white")
 
 
+@pytest.mark.parametrize(("rows", "told"), [(2 * ROWS, True), (ROWS, False)])
+def test_a_white_image_of_double_height_without_the_sensors_rows(tmp_path, capsys, rows, told):
+    """Nothing says that these are two each but their shape."""
+    for name in ("white.tif", "f1.tif", "f2.tif"):
+        save(tmp_path / name, counts(rows=rows))
+    sheet = json.loads(json.dumps(SHEET))
+    for side in ("rows", "columns"):
+        sheet["sensor"].pop(side, None)
+    (tmp_path / "optics.json").write_text(json.dumps(sheet))
+    assert main(["init", str(tmp_path), str(tmp_path / "optics.json")]) == 0
+    assert ("do they hold two each, one above the other?" in capsys.readouterr().out) == told
+
+
 def hdf5_recording(folder, **data):
     with h5py.File(folder / "rec.h5", "w") as file:
         file["white"] = counts()

@@ -25,6 +25,7 @@ NOT_USED = {
 }
 
 Names = tuple[str, ...]
+TALL = 1.5  # rows of a column: no sensor is so
 NamesOfPairs = tuple[tuple[str, str], ...]
 
 
@@ -103,6 +104,9 @@ def folder_images(folder: Path, sensor_rows: object = None) -> FolderImages:
         lines.append(
             ("look at", f"{_span(odd)}: among the frames, and named unlike the others; move away what is none")
         )
+    if sensor_rows is None and not stacked and rows > TALL * columns:
+        words = f"images are {columns} x {rows} pixels: do they hold two each, one above the other? The optics sheet's"
+        lines.append(("look at", f"{words} sensor.rows would tell; save the half of {white} that is the white image"))
     lines += [("look at", f"{error}; a run sets aside what it belongs to") for error in damaged.values()]
     shown = tuple((what, printable(words)) for what, words in lines)
     return FolderImages(white, dark[0] if dark else None, tuple(background), frames, columns, rows, shown)
