@@ -262,6 +262,9 @@ def test_counts_of_twelve_bits_that_are_called_sixteen():
     assert "bit_depth" not in advice(60000.0)  # a frame fills 16 bits
     assert "bit_depth" not in advice(4000.0, gain=0.05)  # too dark for 12 bits too
     assert "bit_depth" not in advice(3000.0, of=camera(), gain=0.05)  # frames fill the 12 that are stated
+    shifted = replace(camera(), sensor=replace(camera().sensor, alignment="high"))
+    assert advice(3000.0, of=shifted, gain=0.05).endswith("in the lower bits, unlike those of the frames?")
+    assert "lower bits" not in advice(3000.0, of=camera(), gain=0.05)
 
 
 @pytest.mark.full

@@ -121,6 +121,8 @@ def _light(white: NDArray, camera: PlenopticCamera, name: str, largest: float) -
         advice = "record it with more light, or average several images: the lattice is found from it"
         if bits := _fewer_bits(sensor, level, largest):
             advice += f"; or is camera.sensor.bit_depth {bits}?"
+        if sensor.alignment == "high":
+            advice += "; or are its counts in the lower bits, unlike those of the frames?"
         return [Finding("white-underexposed", "warning", f"{name} is underexposed: {words}", 100 * level, "%", advice)]
     return [Finding("white-light", "good", words, 100 * level, "%")]
 
