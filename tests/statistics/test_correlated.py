@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray
 
 from plenopiv.statistics import SeriesStatistics
 from plenopiv.statistics.correlated import TimeCorrelation
@@ -85,6 +86,51 @@ def test_errors_of_means_are_as_stated_where_vectors_are_missing(missing):
 def test_a_series_shorter_than_the_lags_may_be_too_short(memory, count, share):
     _, spacing = spacing_of(ar1(memory, count, 9))
     assert spacing.longer_than_lags().mean() == pytest.approx(share, abs=0.02)
+
+
+def oscillating(period, memory, count, seed, shape=(3, *SHAPE)):
+    """Unit variance and rho = exp(-k/memory) cos(2 pi k/period): the real part of a rotating AR(1)."""
+    turn, kept = np.exp(2j * np.pi / period), np.exp(-1 / memory)
+    rng = np.random.default_rng(seed)
+    state = rng.normal(size=shape) + 1j * rng.normal(size=shape)
+    for _ in range(count):
+        yield state.real
+        noise = rng.normal(size=shape) + 1j * rng.normal(size=shape)
+        state = kept * turn * state + np.sqrt(1 - kept**2) * noise
+
+
+@pytest.mark.parametrize(("period", "memory", "count"), [(4, 10, 200), (3, 20, 400), (8, 20, 400), (24, 20, 800)])
+def test_products_of_flow_that_oscillates(period, memory, count):
+    """rho^2 goes on where rho is negative, and means are no worse than stated."""
+    lags = np.arange(1, count)
+    rho = np.exp(-lags / memory) * np.cos(2 * np.pi * lags / period)
+    true, of_mean = (1 + 2 * ((1 - lags / count) * r).sum() for r in (rho**2, rho))
+    _, spacing = spacing_of(oscillating(period, memory, count, 7), lags=60)
+    assert spacing(0, 0).mean() == pytest.approx(true, rel=0.12)
+    assert spacing(0, 1).mean() == pytest.approx(true, rel=0.12)
+    assert spacing(0).mean() > of_mean
+    assert not spacing.longer_than_lags().any()
+    _, short = spacing_of(oscillating(period, memory, count, 7), lags=6)
+    assert short.longer_than_lags().mean() > 0.9
+
+
+def test_error_bars_of_stresses_where_flow_oscillates():
+    off, stated = [], []
+    for seed in range(6):
+        series = None
+        for values in oscillating(4, 10, 200, 20 + seed):
+            field = xarray.Dataset({name: (("z", "y", "x"), v) for name, v in zip("uvw", values, strict=True)})
+            for axis, n in zip(("z", "y", "x"), SHAPE, strict=True):
+                field[axis] = np.arange(float(n))
+            field = field.assign({f"{name}_std": 0.0 * field.u for name in "uvw"} | {"valid": 0.0 * field.u + 1})
+            series = series or SeriesStatistics(field)
+            series.add(field)
+        found = series.result()
+        off += [found.uu.values - 1, found.uv.values]
+        stated += [found.uu_std.values, found.uv_std.values]
+    held = [np.mean(np.abs(o) < INTERVAL * s) for o, s in zip(off, stated, strict=True)]
+    assert np.mean(held[::2]) > 0.85  # 60 % without the negative lobes
+    assert np.mean(held[1::2]) > 0.9
 
 
 def test_a_place_that_is_measured_late_is_followed_from_there():

@@ -12,7 +12,9 @@ correlated alike has the autocorrelation rho^2, and the third Hermite polynomial
 
 rho is computed at every place for the first lags, about the mean of all samples. Deviations from a sample mean are
 less correlated than those from the true mean: the autocovariance is too small by the variance of the mean, which is
-put back. The sum ends at the first lag at which rho is not positive.
+put back. The sum for the mean ends at the first lag at which rho is not positive: of flow that oscillates, whose means
+are better than that, T is too large. That for a product of two goes on over all lags: its rho^2 is positive in the
+negative lobes as well, and would be far too small without them.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ POOL = 5  # vectors along each axis over which autocorrelations are averaged
 _ROUNDS = 4  # for the variance of the mean, which depends on T
 _LARGEST_SHARE = 0.5  # of the variance, that the variance of the mean may have
 STRETCHES = 3  # as long as a lag, that samples must last for its rho to be used: of fewer little is known
-ENDED = 0.1  # rho at the last lag above which the correlation has not ended
+ENDED = 0.1  # rho at the last lag, or twice the mean of rho^2 over the last ones, beyond which it has not ended
+ONE_IN = 2  # of the lags are the last ones: where a flow oscillates rho is small at any single one
 
 
 class TimeCorrelation:
@@ -85,8 +88,8 @@ class TimeCorrelation:
         pairs = (self._count[1:] / n)[:, None]
         share = np.zeros(found.shape[1:])  # T/n, the variance of the mean over that of a sample
         for _ in range(_ROUNDS):
-            rho = np.minimum(_until_zero((1 - share) * found + share * (found != 0)), 1.0)
-            share = np.minimum((1 + 2 * (pairs * rho).sum(0)) / n, _LARGEST_SHARE)
+            rho = np.clip((1 - share) * found + share * (found != 0), -1.0, 1.0)
+            share = np.minimum((1 + 2 * (pairs * _until_zero(rho)).sum(0)) / n, _LARGEST_SHARE)
         return Spacing(rho, pairs[:, 0], n)
 
 
@@ -101,17 +104,24 @@ class Spacing:
 
     def __call__(self, *components: int) -> NDArray[np.float64]:
         """T of the product of these components."""
-        product = np.prod([self.rho[:, c] for c in components], axis=0)
-        return np.minimum(1 + 2 * (self._pairs * product).sum(0), self._count)
+        rho = self.rho if len(components) == 2 else _until_zero(self.rho)
+        product = np.prod([rho[:, c] for c in components], axis=0)
+        return np.clip(1 + 2 * (self._pairs * product).sum(0), 1, self._count)
 
     def longer_than_lags(self) -> NDArray[np.bool_]:
         """Where the correlation of a component (z, y, x) has not ended at the last lag that was used: T is too short
-        there. Of samples that are too few for two lags nothing is said."""
+        there, be it of the mean or, in flow that oscillates, of products alone. Of samples that are too few for two
+        lags nothing is said."""
         if not len(self.rho):
             return np.zeros(self._count.shape, bool)
-        last = np.clip(self._count // STRETCHES, 1, len(self.rho)) - 1
-        at_last = np.take_along_axis(self.rho, last[None, None], 0)[0]
-        return (at_last > ENDED).any(0) & (self._count >= 2 * STRETCHES)
+        used = np.clip(self._count // STRETCHES, 1, len(self.rho))
+        at_last = np.take_along_axis(_until_zero(self.rho), used[None, None] - 1, 0)[0]
+        lag = np.arange(1, len(self.rho) + 1).reshape(-1, 1, 1, 1, 1)
+        of_last = (lag <= used) & (lag > used - np.maximum(used // ONE_IN, 1))
+        by_chance = 1 / np.maximum(self._pairs[:, None] * self._count, 1)  # rho^2 of independent samples
+        square = ((self.rho**2 - by_chance) * of_last).sum(0) / of_last.sum(0)
+        beyond = (at_last > ENDED) | (2 * square > ENDED)
+        return beyond.any(0) & (self._count >= 2 * STRETCHES)
 
 
 def _until_zero(rho: NDArray[np.float64]) -> NDArray[np.float64]:
