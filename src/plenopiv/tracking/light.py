@@ -29,7 +29,7 @@ WAVELENGTH_NM = 532.0  # of the lasers that particles are lit by
 SHIFT_PLACES = 31  # of the main lens, at which a point's shifts of rays are taken
 ROOM = 24, 12  # entries more than a point has that there is room for, where it moves: so many, and one of so many
 TOGETHER = 1000  # points whose shifts are taken at a time
-UNIT_MM = np.array([0.01, 0.01, 0.05])  # of the unknowns, so that all of a particle's information is of one order
+UNIT_MM = np.array([0.01, 0.01, 0.05])  # of the unknowns at M = -1: all of a particle's information is of one order
 SHARPEST_PX = 0.05  # standard deviation of a boundary that nothing blurs: sharper ones would need more nodes
 
 Array = NDArray[np.float64]
@@ -175,6 +175,12 @@ def check_number(pixels: int, of_cameras: int) -> None:
         )
 
 
+def unit_mm(camera: PlenopticCamera) -> Array:
+    """UNIT_MM (3,) of a camera: light moves with M across, and with M^2 along depth. A unit sets the longest step."""
+    across = 1.0 / abs(camera.main_lens.magnification)
+    return UNIT_MM * [across, across, across**2]
+
+
 def prior_std_mm(camera: PlenopticCamera) -> Array:
     """Standard deviations (3,) of a particle somewhere in a dead zone: even within a microlens' cell, as the focal
     plane sees it, and within the zone's depth."""
@@ -205,7 +211,7 @@ class PointLights:
         left: ViewShift | None = None,
         growth: tuple[float, float] = (0.0, 0.0),
     ):
-        self.camera, self.left = camera, left
+        self.camera, self.left, self.unit_mm = camera, left, unit_mm(camera)
         self.blur_px = max(diffraction_px(camera) if blur_px is None else blur_px, SHARPEST_PX)
         self._centres, self._cell, self.constants = _constants(camera, self.blur_px, growth)
         self._soft = camera.blur_mm > LEAST * camera.lattice.pitch_mm
@@ -273,7 +279,8 @@ class PointLights:
         in_threads(self._kernel, len(position), *fixed, False, start, count, *filled)  # fewer than there may be
         entry_kernels.close_up(start, count, *filled)
         pixel, share, gradient = filled
-        return Lights(start, pixel[: start[-1]], share[: start[-1]], gradient[: start[-1]], overlap=self._soft)
+        entries = pixel[: start[-1]], share[: start[-1]], gradient[: start[-1]]
+        return Lights(start, *entries, self.unit_mm, overlap=self._soft)
 
     def _shifts(self, position: Array) -> Array:
         """Of each point (n, terms, 2): the polynomial in a ray's place on the main lens of how far it falls beside."""
