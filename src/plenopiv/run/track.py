@@ -137,7 +137,7 @@ def track(
             folder.discard()
             summary = json.loads((folder.directory / "summary.json").read_text(encoding="utf-8"))
             if not is_whole(path, summary["tracks_sha256"]):
-                smooth = _smooth(folder, recording, table)
+                smooth = _smooth(folder, recording, chain, table)
                 write_tracks(path, _tracks(folder, recording, chain, smooth, summary["quality"]))
             return TrackResult(path, _velocity(path), summary)
         tracker = FrameTracker(chain, recording, table.wavelength_nm)
@@ -225,7 +225,7 @@ def _put_together(
         raise PlenoPIVError(f"no pair can be tracked: {records[0]['set_aside']}")
     files = ["summary.json"]
     with clock("links and field"):
-        smooth = _smooth(folder, recording, table)
+        smooth = _smooth(folder, recording, chain, table)
         if smooth is None:
             fields = {r["pair"]: folder.there(field_file(r["pair"], len(records))) for r in good}
         else:
@@ -278,9 +278,9 @@ def _put_together(
     return summary
 
 
-def _smooth(folder: SeriesFolder, recording: Recording, table: TrackingTable) -> SmoothSequence | None:
+def _smooth(folder: SeriesFolder, recording: Recording, chain: Chain, table: TrackingTable) -> SmoothSequence | None:
     """The smooth tracks of a sequence that is tracked over many frames."""
-    return SmoothSequence.of(folder, recording) if table.method == METHOD else None
+    return SmoothSequence.of(folder, recording, chain.camera) if table.method == METHOD else None
 
 
 def _tracks(

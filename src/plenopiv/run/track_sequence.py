@@ -170,7 +170,8 @@ class SequenceJob:
         if len(seen) < BEGUN or seen[-1].number < number - 1 - LOST or not _goes_back(seen):
             return None, []
         name = self.tracker.recording.frames[number].name
-        by = predicted(seen, number, self.tracker.limits(self.tracker.chain.grid))
+        limits = self.tracker.limits(self.tracker.chain.grid)
+        by = predicted(seen, number, limits, self.tracker.of_points.prior_std_mm)
         there, follows = 0, None
         with suppress(PlenoPIVError):  # reconstruction says what is wrong with the frame
             found = self.tracker.predicted(number, by, self.past[-1].dark, self.report)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.chain import Chain
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.experiment.tracking_table import TrackingTable
@@ -24,6 +25,7 @@ from plenopiv.run.track_field import velocity_of_tracks
 from plenopiv.run.track_pair import NO_FIELD
 from plenopiv.run.track_sequence import frames_kept, read_frame
 from plenopiv.run.versions import versions
+from plenopiv.tracking.light import prior_std_mm
 from plenopiv.tracking.sightings import SeenFrame
 from plenopiv.tracking.tracks import smooth_dataset
 from plenopiv.tracking.trajectories import Trajectories, between, trajectories
@@ -55,11 +57,11 @@ class SmoothSequence:
     found: Trajectories
 
     @classmethod
-    def of(cls, folder: SeriesFolder, recording: Recording) -> SmoothSequence:
+    def of(cls, folder: SeriesFolder, recording: Recording, camera: PlenopticCamera) -> SmoothSequence:
         """From the files of the frames."""
         kept = frames_kept(folder, range(len(recording)))
         frames = [read_frame(path, number).seen for number, path in kept.items()]
-        return cls(recording, frames, trajectories(frames))
+        return cls(recording, frames, trajectories(frames, prior_std_mm(camera)))
 
     def dataset(self) -> xarray.Dataset:
         """All particles of all frames."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from plenopiv.tracking.cut_off import COVERED, COVERED_STD, motion_of
 from plenopiv.tracking.links import NEIGHBOURS, of_neighbours
 from plenopiv.tracking.sightings import SeenFrame, Together, together
-from plenopiv.tracking.smoothing import Motion, States, at_rest, filtered, moved
+from plenopiv.tracking.smoothing import Motion, States, at_rest, begun, filtered, moved, seen_by
 from plenopiv.volume import Limits, within
 
 FRAMES = 8  # the last ones, that a prediction rests on
@@ -42,10 +42,12 @@ class Predicted:
     motion: Motion
 
 
-def predicted(frames: Sequence[SeenFrame], number: int, limits_mm: Limits) -> Predicted:
+def predicted(
+    frames: Sequence[SeenFrame], number: int, limits_mm: Limits, prior_std_mm: Array | None = None
+) -> Predicted:
     """The particles of frame ``number`` within ``limits_mm`` as earlier ``frames``, in the order of time, let expect
     them: those that were seen in the last one or lost for at most ``LOST`` frames. There are none where there are no
-    tracks."""
+    tracks. ``prior_std_mm`` (3,): of the camera's particles."""
     recent = [one for one in frames if number - FRAMES <= one.number < number and len(one.track)]
     nothing = Predicted(
         np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0), np.empty(0, bool), _unknown()
@@ -53,7 +55,7 @@ def predicted(frames: Sequence[SeenFrame], number: int, limits_mm: Limits) -> Pr
     if not recent:
         return nothing
     every = together(recent)
-    motion = motion_of(every.runs(), False, TOLD_BY)
+    motion = seen_by(motion_of(every.runs(), False, TOLD_BY), prior_std_mm)
     alive = every.of(np.flatnonzero(every.last >= number - 1 - LOST))
     if len(alive.start) == 1:
         return nothing
@@ -68,7 +70,7 @@ def predicted(frames: Sequence[SeenFrame], number: int, limits_mm: Limits) -> Pr
 def _states(alive: Together, number: int, motion: Motion) -> States:
     """The states of tracks in frame ``number``."""
     base = int(alive.first.min())
-    states = _after_filter(alive, base, number, at_rest(alive.position_mm[alive.start[:-1]], motion), motion)
+    states = _after_filter(alive, base, number, None, motion)
     known = np.flatnonzero(alive.length >= SHORT - 1)
     short = np.flatnonzero(alive.length < SHORT)
     if len(known) <= NEIGHBOURS or not len(short):
@@ -87,8 +89,9 @@ def _states(alive: Together, number: int, motion: Motion) -> States:
     return states
 
 
-def _after_filter(tracks: Together, base: int, number: int, start: States, motion: Motion) -> States:
+def _after_filter(tracks: Together, base: int, number: int, start: States | None, motion: Motion) -> States:
     seen = tracks.sightings(np.full(len(tracks.start) - 1, base), number - base)
+    start = begun(seen, tracks.first - base, motion) if start is None else start
     _, after = filtered(seen, tracks.first - base, start, motion)
     return moved(States(after.mean[-1], after.covariance[-1]), motion)
 

@@ -17,7 +17,7 @@ Time is in frames, lengths in mm. A state is (x, y, z, their velocities, acceler
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -26,11 +26,13 @@ from numpy.typing import NDArray
 
 ORDERS = 4  # position, velocity, acceleration, jerk
 SIZE = 3 * ORDERS
-SOMEWHERE_MM = 1.0  # standard deviation of a position before it is seen
+SOMEWHERE_MM = 1.0  # standard deviation of a position before it is seen, at least
+BEYOND = 5.5  # times the camera's prior that is, where that is more
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # of a quadrature over a frame
 WIDE = 3.0  # times the spread of all particles' velocities and accelerations is that of one before it is seen
 UNKNOWN_MM = 1e3  # standard deviation of what no pixel tells
 LEAST_TOLD = 1e-6  # of all information, of a direction: there a fit that has not quite ended would name any place
+FAST = 2.0  # times the spread of velocities: one that is told to be larger is of another flow, a jet's say
 OUTLYING = 4.0  # standard deviations from its track from which on a frame's position counts less
 
 Array = NDArray[np.float64]
@@ -40,13 +42,15 @@ Array = NDArray[np.float64]
 class Motion:
     """How particles move: spread (3,) of the ``jerk`` along each axis, mm / frame^3, and its ``memory`` (3,), frames;
     spread (3,) of all particles' ``velocity``, mm / frame, and ``acceleration``, mm / frame^2; ``noise`` (3,): by what
-    factor positions scatter more than their frames say."""
+    factor positions scatter more than their frames say; ``somewhere_mm`` (3,): standard deviation of a position before
+    it is seen."""
 
     jerk: Array
     memory: Array
     velocity: Array
     acceleration: Array
     noise: Array
+    somewhere_mm: Array = field(default_factory=lambda: np.full(3, SOMEWHERE_MM))
 
     @cached_property
     def step(self) -> Array:
@@ -58,6 +62,13 @@ class Motion:
         """What is added to its covariance (12, 12)."""
         growths = [jerk**2 * step_of(memory)[1] for jerk, memory in zip(self.jerk, self.memory, strict=True)]
         return _by_axes(growths)
+
+
+def seen_by(motion: Motion, prior_std_mm: Array | None) -> Motion:
+    """``motion`` of particles whose places a camera knows to ``prior_std_mm`` (3,) at the worst."""
+    if prior_std_mm is None:
+        return motion
+    return replace(motion, somewhere_mm=np.maximum(SOMEWHERE_MM, BEYOND * prior_std_mm))
 
 
 def step_of(memory: float) -> tuple[Array, Array]:
@@ -131,8 +142,24 @@ def at_rest(position_mm: Array, motion: Motion) -> States:
     """Particles somewhere near ``position_mm`` (n, 3) before they are seen."""
     mean = np.zeros((len(position_mm), SIZE))
     mean[:, :3] = position_mm
-    known = np.full(3, SOMEWHERE_MM), WIDE * motion.velocity, WIDE * motion.acceleration, motion.jerk
+    known = motion.somewhere_mm, WIDE * motion.velocity, WIDE * motion.acceleration, motion.jerk
     return States(mean, np.broadcast_to(np.diag(np.concatenate(known) ** 2), (len(mean), SIZE, SIZE)).copy())
+
+
+def begun(seen: Sightings, first: NDArray[np.int64], motion: Motion) -> States:
+    """``at_rest`` before frame ``first`` (n,), where each is first seen; those that their first two sightings tell to
+    be FAST, a few in a jet, may have such a velocity."""
+    n, place, covariance = np.arange(len(first)), *of_pixels(seen.position_mm, seen.information, seen.pull)
+    start = at_rest(seen.position_mm[n, first], motion)
+    later = seen.information.any((2, 3)) & (np.arange(seen.position_mm.shape[1]) > first[:, None])
+    second, known = later.argmax(1), later.any(1)
+    frames = np.maximum(second - first, 1)[:, None]
+    variance = np.einsum("nii->ni", covariance[n, first] + covariance[n, second]) / frames**2
+    surely = np.abs(place[n, second] - place[n, first]) / frames - OUTLYING * np.sqrt(variance)
+    for axis in range(3):
+        fast = known & (surely[:, axis] > FAST * motion.velocity[axis])
+        start.covariance[fast, 3 + axis, 3 + axis] = (WIDE * surely[fast, axis]) ** 2
+    return start
 
 
 def moved(states: States, motion: Motion) -> States:
@@ -176,7 +203,8 @@ def smoothed(seen: Sightings, motion: Motion, passes: int = 3) -> States:
     """Estimates (n, T, ...) at each frame from all frames; all particles are seen in the first one. Positions far from
     where the other frames have them count less in each further one of ``passes``."""
     seen = seen.scaled(motion.noise)
-    start, first = at_rest(seen.position_mm[:, 0], motion), np.zeros(len(seen.position_mm), np.int64)
+    first = np.zeros(len(seen.position_mm), np.int64)
+    start = begun(seen, first, motion)
     place, _ = of_pixels(seen.position_mm, seen.information, seen.pull)
     weight = np.ones(seen.position_mm.shape[:2])
     for turn in range(passes):

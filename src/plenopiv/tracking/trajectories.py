@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plenopiv.tracking.cut_off import motion_of
 from plenopiv.tracking.outlying_tracks import outlying
 from plenopiv.tracking.sightings import SeenFrame, Together, together
-from plenopiv.tracking.smoothing import Motion, smoothed
+from plenopiv.tracking.smoothing import Motion, seen_by, smoothed
 
 LEAST_FRAMES = 4  # in which a particle must be seen for an acceleration
 AT_ONCE = 60_000  # frames of tracks that are smoothed at a time
@@ -39,10 +39,11 @@ class Trajectories:
     outlying: int = 0
 
 
-def trajectories(frames: Sequence[SeenFrame]) -> Trajectories:
-    """Smooth the tracks of all ``frames``, which are in the order of time."""
+def trajectories(frames: Sequence[SeenFrame], prior_std_mm: Array | None = None) -> Trajectories:
+    """Smooth the tracks of all ``frames``, which are in the order of time. ``prior_std_mm`` (3,): of the camera's
+    particles."""
     every = together(frames)
-    motion = motion_of(every.runs())
+    motion = seen_by(motion_of(every.runs()), prior_std_mm)
     alone = np.concatenate([one.particles.position_mm for one in frames]).reshape(-1, 3)
     own = np.concatenate([one.particles.covariance for one in frames]).reshape(-1, 4, 4)
     mean, covariance = np.full((len(alone), 9), np.nan), np.full((len(alone), 9, 9), np.nan)
