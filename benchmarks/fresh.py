@@ -38,7 +38,7 @@ BEGIN, END = "<!-- fresh: begin -->", "<!-- fresh: end -->"
 DECISIONS = {
     "optics": 1,
     "calibration": 53,
-    "target": 88,
+    "target": 95,
     "lens blur": 87,
     "checks": 84,
     "reconstruction": 62,

@@ -36,6 +36,17 @@ def test_closed_form_of_a_stop_before_a_thin_lens():
         assert std["exit_pupil_mm"] == pytest.approx(0.002 / 0.308 * (100 + PUPIL), rel=0.1)
 
 
+@pytest.mark.parametrize("stop_mm", [-10.0, -30.0])
+def test_a_stop_behind_the_lens_is_its_own_exit_pupil(stop_mm):
+    exact = np.array([0.308 / (100.0 + stop_mm), 0.308 / 100.0])
+    seen = Outline(exact, np.zeros(2), np.array([10.0, 12.3]) * exact / 0.0055, np.zeros(2))
+    values, _ = pupil_and_stop(seen, CAMERA, np.array([50.0, 100.0, 0.308]), np.diag([1e-6] * 3))
+    assert values["stop_mm"] == pytest.approx(stop_mm)
+    assert values["stop_radius_mm"] == values["exit_pupil_radius_mm"] == pytest.approx(10.0)
+    assert values["exit_pupil_mm"] == pytest.approx(100.0 + stop_mm)
+    assert values["rim_radius_mm"] == pytest.approx(12.3)
+
+
 @pytest.mark.full
 def test_a_rim_that_clips_shows_the_stop():
     camera = RealCamera.of(CAMERA, stop_mm=12.0, rim_radius_mm=12.32)

@@ -86,6 +86,19 @@ def lens_space():
     return replace(SHEET, main_lens=MainLens(distance / 2, 22.0, -1.0))
 
 
+@pytest.mark.parametrize("pupil_mm", [66.0, 150.0])
+@pytest.mark.parametrize("medium", [None, WATER])
+def test_the_stated_focal_length_is_that_of_the_lens_wherever_the_exit_pupil_is(monkeypatch, pupil_mm, medium):
+    """The camera of lens space stands in the exit pupil: its focal length is another one."""
+    monkeypatch.setitem(TRUTH, "reference_mm", pupil_mm)
+    camera = lens_space()
+    assert abs(camera.main_lens.focal_length_mm - SHEET.main_lens.focal_length_mm) > 15
+    found = fit_optics(dots_of(camera), camera, medium, SHEET.main_lens.focal_length_mm)
+    for name in ("focal_length_mm", "image_distance_mm", "fluid_mm", "refractive_index", "microlens_focal_length_mm"):
+        assert abs(found.values[name] - TRUTH[name]) < 2.5 * found.std[name], name
+    assert max(found.off_sheet.values()) < 2
+
+
 @pytest.fixture(scope="module")
 def fitted():
     """Dots with two outliers, one of which is not whole, and their fit."""

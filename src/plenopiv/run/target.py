@@ -28,7 +28,7 @@ from plenopiv.recording.sources import only_source
 from plenopiv.run.inputs import with_target
 
 FILE = "calibration.toml"
-METHOD = 2  # of the fit: another number makes calibrations of before invalid
+METHOD = 3  # of the fit: another number makes calibrations of before invalid
 LATER = {"origin_mm", "turn_deg"}  # keys of [calibration] that take effect without a new fit
 
 Progress = Callable[[str, int, int], None]
@@ -107,7 +107,8 @@ def make_calibration(
     report = partial(progress, "target") if progress else None
     if recording.masked is not None:
         unusable = unusable | recording.masked
-    return calibrate_target(images, board, camera, medium, gain, unusable, white, report)
+    focal_length = sheet.main_lens.focal_length_mm
+    return calibrate_target(images, board, camera, medium, gain, unusable, white, report, focal_length)
 
 
 def inputs_of(experiment: Experiment, recording: Recording) -> dict[str, str]:

@@ -117,10 +117,12 @@ def calibrate_target(
     unusable: NDArray[np.bool_] | None = None,
     white: NDArray | None = None,
     progress: Progress | None = None,
+    focal_length_mm: float | None = None,
 ) -> TargetCalibration:
-    """The calibration that ``images`` of a target give. ``camera``: as ``lens_space_camera`` gives it. ``medium``:
-    fluid and window, as far as they are known. ``unusable``: pixels (rows, columns) that are no equations.
-    ``white``: the white image, upright, whose micro-images' outlines tell exit pupil and stop.
+    """The calibration that ``images`` of a target give. ``camera``: as ``lens_space_camera`` gives it;
+    ``focal_length_mm``: of the lens, as the data sheet says. ``medium``: fluid and window, as far as they are known.
+    ``unusable``: pixels (rows, columns) that are no equations. ``white``: the white image, upright, whose micro-images'
+    outlines tell exit pupil and stop.
 
     Raises:
         PlenoPIVError: naming the image or the key: there is no target, its planes are out of order, all at one z, or
@@ -128,7 +130,7 @@ def calibrate_target(
     """
     where = layout(camera, unusable)
     dots = measure_dots(images, board, where, counts_per_electron, progress)
-    optics = fit_optics(dots, camera, medium)
+    optics = fit_optics(dots, camera, medium, focal_length_mm)
     values, std = optics.values, optics.std
     if white is not None and (seen := outline(white, camera)) is not None:
         which = [NAMES.index(f"{name}_mm") for name in ("focal_length", "image_distance", "microlens_focal_length")]

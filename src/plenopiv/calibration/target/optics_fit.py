@@ -61,14 +61,18 @@ class OpticsFit:
     off_sheet: dict[str, float]
 
 
-def fit_optics(dots: Dots, camera: PlenopticCamera, medium: Medium | None) -> OpticsFit:
-    """The optics that the ``dots`` show. ``camera``: that of the lens space in which they were measured. ``medium``: as
-    the file states it, from the plane in focus, None where it says nothing. A traverse may have its zero anywhere.
+def fit_optics(
+    dots: Dots, camera: PlenopticCamera, medium: Medium | None, focal_length_mm: float | None = None
+) -> OpticsFit:
+    """The optics that the ``dots`` show. ``camera``: that of the lens space in which they were measured, whose lens
+    stands in the exit pupil; ``focal_length_mm``: of the real one, by the data sheet, None where it is that camera's.
+    ``medium``: as the file states it, from the plane in focus, None where it says nothing. A traverse may have its zero
+    anywhere.
 
     Raises:
         PlenoPIVError: the dots do not determine the optics.
     """
-    problem, in_focus = _Problem.of(camera, medium), _in_focus(dots)
+    problem, in_focus = _Problem.of(camera, medium, focal_length_mm), _in_focus(dots)
     from_focus = dots.laboratory_mm - [0.0, 0.0, in_focus]
     dots = replace(dots, laboratory_mm=from_focus, reading_mm=dots.reading_mm - in_focus)
     used = dots.whole.copy()
@@ -160,8 +164,10 @@ class _Problem:
     unit: NDArray[np.float64]
 
     @classmethod
-    def of(cls, camera: PlenopticCamera, medium: Medium | None) -> _Problem:
+    def of(cls, camera: PlenopticCamera, medium: Medium | None, focal_length_mm: float | None = None) -> _Problem:
         lens, fl = camera.main_lens, camera.microlens_focal_length_mm
+        if focal_length_mm is not None:
+            lens = replace(lens, focal_length_mm=focal_length_mm)
         inf = np.inf
         index, fluid = UNKNOWN_INDEX, (0.4 * lens.object_distance_mm, 0.2 * lens.object_distance_mm)
         if medium is not None:

@@ -65,7 +65,7 @@ def pupil_and_stop(
     """Exit pupil, stop and rim, and their standard deviations, in mm. ``optics`` (3,), ``covariance`` (3, 3): focal
     length and image distance of the main lens, focal length of the microlenses.
 
-    ``exit_pupil_mm``: from the microlenses; ``stop_mm``: in front of the lens.
+    ``exit_pupil_mm``: from the microlenses; ``stop_mm``: in front of the lens, negative: behind it.
     """
     rng = np.random.default_rng(1)
     drawn = rng.multivariate_normal(optics, covariance, DRAWS)
@@ -88,6 +88,8 @@ def _stop(
     pixel = camera.sensor.pixel_pitch_mm
     pupil = fl / growth
     wide = radius * pixel / growth
-    behind = pupil - si  # the stop's image from the lens, on the object's side
+    behind = pupil - si  # the exit pupil from the lens, on the object's side
+    if behind < 0:  # a stop behind the lens is seen by the microlenses as it is
+        return pupil, wide, behind, wide, rim * pixel / of_rim
     stop = behind * f / (f + behind)
     return pupil, wide, stop, wide * (stop / behind if behind else 1.0), rim * pixel / of_rim
