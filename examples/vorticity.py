@@ -29,13 +29,14 @@ for axis, values, error in zip("xyz", omega, std, strict=True):
     at = np.unravel_index(np.argmax(inside), inside.shape)
     place = ", ".join(f"{c} = {float(field[c][k]):.2f}" for c, k in zip("zyx", at, strict=True))
     print(f"vorticity along {axis}: at most {values[at]:+.0f} +- {error[at]:.0f} 1/s, at {place} mm")
-at = np.unravel_index(np.nanargmax(q), q.shape)
-print(f"Q: at most {q[at]:.3g} 1/s^2; {100 * np.mean(q > 0):.0f} % of the vectors turn more than they deform")
+turn = 100 * np.mean(q[np.isfinite(q)] > 0)
+print(f"Q: at most {np.nanmax(q):.3g} 1/s^2; {turn:.0f} % of the vectors turn more than they deform")
 
 j, i = (int(np.abs(field[axis].values).argmin()) for axis in "yx")
 figure = Figure(figsize=(9.5, 4.0), layout="constrained")
 left, right = figure.subplots(1, 2)
-limit = float(np.abs(omega[1, 1:-1, j, 1:-1]).max(initial=0.0)) or 1.0  # at the faces derivatives are one-sided
+inside = np.abs(omega[1, 1:-1, j, 1:-1])  # at the faces derivatives are one-sided
+limit = float(np.nan_to_num(inside).max(initial=0.0)) or 1.0
 colour = left.pcolormesh(field.x, field.z, omega[1, :, j], cmap="RdBu_r", vmin=-limit, vmax=limit, shading="nearest")
 left.contour(field.x, field.z, q[:, j], levels=[0.0], colors="black")
 left.set(title=f"vorticity along y at y = {float(field.y[j]):.2f} mm; line: Q = 0", xlabel="x (mm)", ylabel="z (mm)")

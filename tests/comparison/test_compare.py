@@ -308,3 +308,21 @@ def test_slices_show_each_component_where_it_is(tmp_path, across, right, up, nor
             np.testing.assert_allclose(picture, plane)
         assert shown[2].mask.sum() == 1  # the replaced one is left out of the difference
         assert panels[3 * row].get_xlim() == pytest.approx((-0.125, 1.625))
+
+
+def test_pairs_of_a_double_frame_camera_are_those_of_one_number(tmp_path):
+    """Their times are numbers times dt_s, which may have been corrected; those of a sequence are times."""
+    long_name = "number of the pair and a half, times dt_s; the time between pairs is not known"
+    for known, expected in ((long_name, (4, 0, 0)), ("mid-time of the two frames", (1, 3, 3))):
+        one, other = regular(DT_S * (np.arange(4) + 0.5)), regular(3 * DT_S * (np.arange(4) + 0.5))
+        other.attrs["dt_s"] = 3 * DT_S
+        for k in range(4):
+            one["u"][k], other["u"][k] = 1.0 + k, 1.5 + k
+        for field in (one, other):
+            field["time"].attrs["long_name"] = known
+        found = plenopiv.compare(
+            results(tmp_path / f"a{expected[0]}", one), results(tmp_path / f"b{expected[0]}", other)
+        )
+        assert found.times == expected
+        if known == long_name:
+            assert (found.rows[0].m_s.mean, found.rows[0].m_s.rms) == pytest.approx((0.5, 0.5))

@@ -21,6 +21,8 @@ from plenopiv.sensor import Orientation, Sensor, check_orientation, upright
 
 SATURATED_SHARE = 1e-4  # above this a recording is warned about
 
+NUMBERED = "number of the pair and a half, times dt_s"  # what the times of a double-frame camera's pairs are
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -202,7 +204,7 @@ class Recording:
         """What ``mid_time_s`` is, in the words of a file."""
         if self.is_sequence:
             return "mid-time of the two frames, from the first frame of the recording"
-        return "number of the pair and a half, times dt_s; the time between pairs is not known"
+        return f"{NUMBERED}; the time between pairs is not known"
 
     def pulse(self, k: int) -> int:
         """0 for the first pulse of a pair, 1 for the second; 0 for all frames of a sequence of more than two."""

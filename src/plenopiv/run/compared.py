@@ -19,6 +19,7 @@ from plenopiv.experiment import text
 from plenopiv.io.beside import unfinished
 from plenopiv.io.fields import units_of, variables_of_time
 from plenopiv.io.netcdf import DIMS, loaded, opened_velocity
+from plenopiv.recording.recording import NUMBERED
 from plenopiv.report.document import flat
 
 if TYPE_CHECKING:
@@ -156,9 +157,14 @@ def _dt_s(dataset: xarray.Dataset) -> float | None:
     return float(stated)
 
 
+def _are_numbered(dataset: xarray.Dataset) -> bool:
+    return str(dataset["time"].attrs.get("long_name", "")).startswith(NUMBERED)
+
+
 def _same_times(a: Path, first: xarray.Dataset, b: Path, second: xarray.Dataset) -> list[tuple[int, int]]:
     """Numbers of the times that are in both, each once; of the phases where both have them in one unit: their times are
-    means over pairs, and may coincide.
+    means over pairs, and may coincide. Times that only number the pairs of a double-frame camera are compared in units
+    of their own dt_s.
 
     Raises:
         PlenoPIVError: there are none.
@@ -170,7 +176,10 @@ def _same_times(a: Path, first: xarray.Dataset, b: Path, second: xarray.Dataset)
     if name == "phase":
         near = SAME_PHASE * float(np.ptp([*ours, *theirs]))
     else:
-        near = SAME_TIME * (_dt_s(first) or _dt_s(second) or 1e-6)
+        of_a, of_b = _dt_s(first), _dt_s(second)
+        near = SAME_TIME * (of_a or of_b or 1e-6)
+        if of_a and of_b and _are_numbered(first) and _are_numbered(second):
+            theirs = theirs * (of_a / of_b)
     order = np.argsort(theirs, kind="stable")
     place = np.searchsorted(theirs[order], ours - near)
     pairs, taken = [], set[int]()
