@@ -51,11 +51,19 @@ print("all refused")
 """
 
 
-@pytest.mark.skipif(not hasattr(resource, "RLIMIT_FSIZE"), reason="no limit of a file's size")
-def test_files_that_grow_too_large_are_refused_by_name(tmp_path):
-    command = [sys.executable, "-c", PROGRAM, str(tmp_path)]
+LIMITED = pytest.mark.skipif(not hasattr(resource, "RLIMIT_FSIZE"), reason="no limit of a file's size")
+
+
+def all_refused(program, folder):
+    """Run a program of its own on a folder: the limits that it sets would be this process' too."""
+    command = [sys.executable, "-c", program, str(folder)]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "all refused\n", "")
+
+
+@LIMITED
+def test_files_that_grow_too_large_are_refused_by_name(tmp_path):
+    all_refused(PROGRAM, tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "field.vtkhdf",
         "pair.nc",
@@ -107,9 +115,7 @@ print("all refused")
 """
 
 
-@pytest.mark.skipif(not hasattr(resource, "RLIMIT_FSIZE"), reason="no limit of a file's size")
+@LIMITED
 def test_recordings_and_designs_on_a_full_disk(tmp_path):
     """A line that names the file, and nothing left behind that fills the disk."""
-    command = [sys.executable, "-c", SIMULATED, str(tmp_path)]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "all refused\n", "")
+    all_refused(SIMULATED, tmp_path)

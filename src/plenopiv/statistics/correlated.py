@@ -101,10 +101,11 @@ class Spacing:
         """``rho`` (lags, 3, z, y, x); ``pairs`` (lags, z, y, x): share of the ``count`` (z, y, x) samples that have
         another one so much later."""
         self.rho, self._pairs, self._count = rho, pairs, count
+        self._until_zero = _until_zero(rho)
 
     def __call__(self, *components: int) -> NDArray[np.float64]:
         """T of the product of these components."""
-        rho = self.rho if len(components) == 2 else _until_zero(self.rho)
+        rho = self.rho if len(components) == 2 else self._until_zero
         product = np.prod([rho[:, c] for c in components], axis=0)
         return np.clip(1 + 2 * (self._pairs * product).sum(0), 1, self._count)
 
@@ -115,7 +116,7 @@ class Spacing:
         if not len(self.rho):
             return np.zeros(self._count.shape, bool)
         used = np.clip(self._count // STRETCHES, 1, len(self.rho))
-        at_last = np.take_along_axis(_until_zero(self.rho), used[None, None] - 1, 0)[0]
+        at_last = np.take_along_axis(self._until_zero, used[None, None] - 1, 0)[0]
         lag = np.arange(1, len(self.rho) + 1).reshape(-1, 1, 1, 1, 1)
         of_last = (lag <= used) & (lag > used - np.maximum(used // ONE_IN, 1))
         by_chance = 1 / np.maximum(self._pairs[:, None] * self._count, 1)  # rho^2 of independent samples
