@@ -14,9 +14,9 @@ from plenopiv.io.output import COMPLETE
 LAST = (*COMPLETE, manifests.NAME)  # moved last, in this order
 
 
-def move_into_place(made: Manifest, work: Path, directory: Path) -> None:
+def move_into_place(made: Manifest, work: Path, directory: Path) -> Manifest | None:
     """Move what ``work`` holds of the files of ``made`` into ``directory``; what the results there had besides is
-    removed. Where it was ended, a second time goes on from there.
+    removed. Where it was ended, a second time goes on from there. Returns the manifest that was there before.
 
     Raises:
         PlenoPIVError: a file cannot be written.
@@ -41,6 +41,7 @@ def move_into_place(made: Manifest, work: Path, directory: Path) -> None:
     except OSError as error:
         where = error.filename2 or error.filename or directory
         raise PlenoPIVError(f"{where}: cannot be written ({error.strerror})") from None
+    return before
 
 
 def files_of(made: Manifest) -> set[str]:

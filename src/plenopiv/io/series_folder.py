@@ -301,8 +301,7 @@ class SeriesFolder:
                 (self.work / manifests.NAME).unlink()
 
     def _move(self, made: Manifest) -> None:
-        before = Manifest.read(self.directory / manifests.NAME)
-        move_into_place(made, self.work, self.directory)
+        before = move_into_place(made, self.work, self.directory)
         warn_of_earlier(self.directory, before, made)
         self.discard()
         self._made = []
