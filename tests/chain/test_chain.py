@@ -218,6 +218,13 @@ def test_masks_that_are_not_the_cameras():
         _ = replace(chain, unusable=(mask[:100],)).projection
 
 
+def test_a_volume_beyond_the_front_focal_plane():
+    """Rays from there leave the main lens parallel, or apart."""
+    near = VoxelGrid.covering((-0.5, 0.5), (-0.4, 0.4), (49.0, 51.0), (0.05, 0.05, 0.1))
+    with pytest.raises(PlenoPIVError, match="beyond the main lens' front focal plane at 50 mm"):
+        _ = replace(plenoptic_chain(), grid=near).projection
+
+
 @pytest.mark.parametrize("z_mm", [(99.0, 102.0), (150.0, 151.0)])
 def test_a_volume_that_reaches_to_the_main_lens(z_mm):
     """Whether one camera looks at it, or one of two that is turned against it."""

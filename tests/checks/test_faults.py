@@ -10,11 +10,11 @@ import tifffile
 from recordings import camera, edited, looked_at, record, white_of, wrong
 
 from plenopiv.checks.findings import Finding
+from plenopiv.checks.first_pair import worst
 from plenopiv.checks.fit import TURNS, finding, fit
 from plenopiv.checks.stamps import in_order, stamp
 from plenopiv.checks.static import common_light, glow, of_files, pulses
 from plenopiv.checks.white import white_image
-from plenopiv.checks.whole_recording import _worst
 from plenopiv.recording.sources import only_source
 from plenopiv.recording.static_light import static_light
 from plenopiv.sensor import Sensor
@@ -192,8 +192,8 @@ def test_white_image_of_another_camera(recording, other):
 def test_the_white_image_of_another_camera_has_not_moved_a_little():
     moved = Finding("white-moved", "warning", "b.tif", 7.1)
     other = Finding("other-camera", "unusable", "a.tif", 7.1)
-    assert _worst([other, moved]) == [other]
-    assert _worst([moved]) == [moved]
+    assert worst([other, moved]) == [other]
+    assert worst([moved]) == [moved]
 
 
 def test_white_image_of_a_camera_with_another_array(recording):

@@ -129,7 +129,7 @@ def test_what_correlations_of_successive_frames_say(correlations, severity):
 
 def test_the_advice_names_the_pattern():
     named = looks_like_pairs(["B1_A.tif", "B1_B.tif", "B2_A.tif", "B2_B.tif"])
-    found = finding([step(FORTH), step(BACK), step(FORTH)], named)
+    found = finding([step(FORTH), step(BACK), step(FORTH)], named.pattern)
     assert found.advice.startswith('write pairs = "B*_{A,B}.tif" (names without their folder) instead of frames')
 
 

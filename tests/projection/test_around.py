@@ -164,6 +164,17 @@ def test_tiles_of_two_cameras_are_the_whole():
     assert (np.abs(at[1] - at[0]) < 0.3 * np.array(GRID.voxel_mm)).all()
 
 
+def test_rounding_is_no_other_grid():
+    """Rows of a tile, counted from either side: their places differ in the last bit."""
+    camera, rng = layout(small_camera()), np.random.default_rng(0)
+    poses = Pose(), Pose((3, -2, 1))
+    for low, high in rng.uniform(0.2, 0.5, (8, 2)):
+        grid = VoxelGrid.covering((-0.1, 0.1), (-low, high), (-0.1, 0.1), (0.03, 0.03, 0.03))
+        around = SeveralCameras(grid, [PlenopticProjector(camera, pose.grid(grid)) for pose in poses], poses)
+        rows = grid.shape[1] // 3, grid.shape[1] // 2 + 1
+        assert around.tile(*rows).grid.shape[1] == rows[1] - rows[0]
+
+
 def test_tiles_need_rows_that_are_rows_to_each_camera():
     where = layout(small_camera("square", microlenses=(40, 40)))
     poses = (FRONT, BELOW)

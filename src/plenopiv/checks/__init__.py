@@ -15,11 +15,14 @@ reversal.py      pairs that are read as a sequence
 pair.py          each pair of a run as it comes
 explained.py     light of a frame that its volume does not explain
 common.py        pairs whose frames have nothing in common
+first_pair.py    light, seeding and displacement of one pair
+result.py        what all of them found
 whole_recording.py   all of them on one recording
 """
 
 from plenopiv.checks.findings import Finding
 from plenopiv.checks.pair import PairCheck, every_pair
-from plenopiv.checks.whole_recording import CheckResult, check
+from plenopiv.checks.result import CheckResult
+from plenopiv.checks.whole_recording import check
 
 __all__ = ["CheckResult", "Finding", "PairCheck", "check", "every_pair"]

@@ -2,10 +2,14 @@
 more often than they differ by one or two counts, which no noise makes.
 
 Of raw frames, dim and bright, pairs of neighbours are as often equal as they differ by any one number of counts, to a
-fourth; after a median filter of 3 x 3 twenty times as often.
+fourth; after a median filter of 3 x 3 twenty times as often. Where a file holds only every so many-th count, as of 12
+bits in the upper part of 16 or scaled to fill it, counts are those of the camera.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
+from math import log2
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +19,31 @@ from plenopiv.sensor import Sensor
 
 LIT = 20.0  # counts above the black level: where photons make noise
 STEPS = 4  # counts of difference that equal neighbours are compared with
+SMALL = 5.0  # per cent of the differences between one count that occurs and the next: bad pixels have others
 FEWEST = 2000  # pairs of neighbours that differ by so much
 TOO_OFTEN = 4.0
+
+
+def of_frame(counts: NDArray, sensor: Sensor, name: str) -> Finding | None:
+    """A finding on a frame that was filtered, or else on one whose counts are in the upper bits of what is stated."""
+    apart = between_counts(counts)
+    camera = replace(sensor, black_level=sensor.black_level / apart)
+    found = finding(equal_neighbours(np.round(counts / apart).astype(np.int32), camera), name)
+    if found is not None or apart < 2 or sensor.bit_depth != 16 or not log2(apart).is_integer():
+        return found
+    bits = 16 - int(log2(apart))
+    words = f"counts of {name} are multiples of {apart:.0f}: {bits} bits in the upper part of 16"
+    words += f', which camera.sensor.bit_depth = {bits} and alignment = "high" say'
+    return Finding("upper-bits", "good", words, float(bits), "bits")
+
+
+def between_counts(counts: NDArray) -> float:
+    """By how much a count that occurs is above the next lower one: 1 of raw counts."""
+    steps = np.diff(np.unique(counts))
+    if not steps.size:
+        return 1.0
+    small = float(np.percentile(steps, SMALL))
+    return float(np.mean(steps[steps < 1.5 * small]))
 
 
 def equal_neighbours(counts: NDArray, sensor: Sensor) -> float | None:

@@ -16,6 +16,7 @@ from plenopiv.reconstruction.typical_particle import BELOW_MEAN, LOWEST, moments
 from plenopiv.sensor import Sensor
 
 CLIPPED_SHARE = 1e-4  # of a frame's pixels at the highest count, from which a recording is warned about
+HOT_SHARE = 0.01  # below which pixels at the highest count may be hot ones
 CLIPPED_BADLY = 0.2  # up to a tenth is measured as well as if it were not (docs/uncertainty.md), with a third RMS grows
 FAINTEST = 4.0  # of its noise that a particle in focus gives a pixel; 80 electrons at read noise 5 are 8
 STRAY = 0.25  # background over what a particle in focus gives a pixel
@@ -31,7 +32,8 @@ class Light:
 
     ``particle``: of a typical particle in a pixel that it lights wholly in focus; ``noise`` of the pixels; ``mean``;
     ``background``: of the darkest pixels; ``below_black``: by how much these lie below a black level that is too high;
-    ``overlap``: particles whose images overlap in a pixel, the mean squared over the variance of their light.
+    ``overlap``: particles whose images overlap in a pixel, the mean squared over the variance of their light;
+    ``whole``: whether there are pixels that light fills: those that micro-images' rims cut tell nothing of these.
     """
 
     particle: float
@@ -40,6 +42,7 @@ class Light:
     background: float
     below_black: float
     overlap: float
+    whole: bool = True
 
     @property
     def signal_to_noise(self) -> float:
@@ -60,7 +63,7 @@ def light_of(lightfield: LightField, projector: PlenopticProjector, counts_per_e
     share = projector.light_of_planes().astype(np.float64)
     particle = moments(lightfield, projector, noise).light
     through = [lightfield.values[view][projector.rays_inside_grid(int(view))] for view in projector.whole_views]
-    values = np.concatenate(through)  # of pixels that see nothing but the volume
+    values = np.concatenate([np.empty(0, np.float32), *through])  # of pixels that see nothing but the volume
     if values.size == 0:
         values = lightfield.values[lightfield.layout.seen]
     mean = float(values.mean(dtype=np.float64))
@@ -70,7 +73,8 @@ def light_of(lightfield: LightField, projector: PlenopticProjector, counts_per_e
     if background < mean:  # light that comes from no particle
         particle, one = (value * mean / (mean - background) for value in (particle, one))
     overlap = max(mean - background, 0.0) / one if one > 0 else 0.0
-    return Light(particle * projector.light_in_focus, noise, mean, background, _below_black(values), float(overlap))
+    of_pixels = noise, mean, background, _below_black(values), float(overlap), len(through) > 0
+    return Light(particle * projector.light_in_focus, *of_pixels)
 
 
 def _below_black(values: NDArray[np.float32]) -> float:
@@ -97,10 +101,15 @@ def _background(lowest: float, mean: float, variance: float) -> float:
     return background
 
 
-def exposure(counts: NDArray, sensor: Sensor, found: Light, name: str) -> list[Finding]:
-    """Over- and underexposure of a frame (upright counts), and its background."""
+def exposure(counts: NDArray, sensor: Sensor, found: Light, name: str, dark: str = "") -> list[Finding]:
+    """Over- and underexposure of a frame (upright counts), and its background. ``dark``: name of the dark image that
+    was taken off, where there is one."""
     out = [clipping(counts, sensor, name)]
-    if found.signal_to_noise < FAINTEST:
+    if not found.whole:
+        words = f"micro-images are so small that none of their pixels in {name} is lit as a whole"
+        advice = "open the main lens to the f-number of the microlenses: nothing can be reconstructed from rims alone"
+        out.append(Finding("underexposed", "unusable", words, 0.0, "pixels", advice))
+    elif found.signal_to_noise < FAINTEST:
         out.append(
             Finding(
                 "underexposed",
@@ -117,8 +126,11 @@ def exposure(counts: NDArray, sensor: Sensor, found: Light, name: str) -> list[F
         words += f", {found.signal_to_noise:.0f} times the noise"
         out.append(Finding("signal", "good", words, found.signal_to_noise, "noise"))
     if found.below_black > 0:
-        words = f"dark pixels of {name} lie {found.below_black:.0f} counts below black_level = {sensor.black_level:g}"
+        level = f"those of {dark}" if dark else f"black_level = {sensor.black_level:g}"
+        words = f"dark pixels of {name} lie {found.below_black:.0f} counts below {level}"
         advice = "set camera.sensor.black_level to the mean count with the lens cap on"
+        if dark:
+            advice = "name a dark image of this camera at the gain and exposure of the frames, with the lens cap on"
         out.append(Finding("black-level", "warning", words, found.below_black, "counts", advice))
     elif found.particle > 0 and found.background > STRAY * found.particle and found.overlap < OVERLAP:
         words = f"the darkest pixels of {name} hold {found.background:.0f} counts above the black level"
@@ -136,7 +148,8 @@ def clipping(counts: NDArray, sensor: Sensor, name: str) -> Finding:
     Less a dark image, which lies below the black level somewhere, pixels that were just not full are above full scale.
     """
     top = min(int(counts.max()), sensor.full_scale)
-    share = float(np.mean(counts >= top))
+    full = counts >= top
+    share = float(np.mean(full))
     high = top - sensor.black_level > 0.5 * (sensor.full_scale - sensor.black_level)
     if high and share > CLIPPED_SHARE:
         where = "full scale" if top >= sensor.full_scale else f"{top} counts, below full scale of {sensor.full_scale}"
@@ -146,11 +159,23 @@ def clipping(counts: NDArray, sensor: Sensor, name: str) -> Finding:
             f"{name} is overexposed: {100 * share:.2g} % of the pixels are at {where}",
             100 * share,
             "%",
-            "less light, a shorter pulse, or a lower gain: what is cut off is missing from the particles",
+            "name a dark image (recording.dark): most of them are alone, as hot pixels are"
+            if share < HOT_SHARE and alone(full) > 0.5
+            else "less light, a shorter pulse, or a lower gain: what is cut off is missing from the particles",
         )
     used = float(np.percentile(counts, 99.9) - sensor.black_level) / (sensor.full_scale - sensor.black_level)
     words = f"no pixel of {name} is cut off; its brightest use {100 * used:.0f} % of the sensor's range"
     return Finding("range", "good", words, 100 * used, "%")
+
+
+def alone(full: NDArray[np.bool_]) -> float:
+    """Share of the pixels that are ``full`` (rows, columns) without one beside them. Light fills several."""
+    beside = np.zeros_like(full)
+    beside[1:] |= full[:-1]
+    beside[:-1] |= full[1:]
+    beside[:, 1:] |= full[:, :-1]
+    beside[:, :-1] |= full[:, 1:]
+    return float(np.mean(~beside[full]))
 
 
 def seeding(found: Light, camera: PlenopticCamera, depth_mm: float, window_mm: tuple[float, float, float]) -> Finding:

@@ -20,7 +20,7 @@ from plenopiv.checks.findings import Finding
 from plenopiv.errors import printable
 from plenopiv.lightfield import decode, layout
 from plenopiv.recording import Recording
-from plenopiv.recording.naming import NamedPairs, looks_like_pairs
+from plenopiv.recording.naming import looks_like_pairs
 from plenopiv.refocusing import image_axes
 from plenopiv.sensor import middle, middle_of
 
@@ -65,7 +65,7 @@ def of_names(recording: Recording) -> Finding | None:
         "sequence: every second field would be of two pairs",
         float(len(found.pairs)),
         "pairs",
-        _advice(found),
+        _advice(found.pattern),
     )
 
 
@@ -77,7 +77,9 @@ def of_frames(recording: Recording, camera: PlenopticCamera, z_mm: tuple[float, 
     """
     if not recording.is_sequence or len(recording) < 3:
         return None
-    return finding(steps(recording, camera, z_mm), looks_like_pairs(file_names(recording)))
+    named, files = looks_like_pairs(file_names(recording)), {frame.path.name for frame in recording.frames}
+    pattern = named.pattern if named is not None else next(iter(files)) if len(files) == 1 else ""
+    return finding(steps(recording, camera, z_mm), pattern)
 
 
 def steps(recording: Recording, camera: PlenopticCamera, z_mm: tuple[float, float]) -> Steps:
@@ -109,8 +111,8 @@ def steps(recording: Recording, camera: PlenopticCamera, z_mm: tuple[float, floa
     return tuple(found)
 
 
-def finding(found: Steps, named: NamedPairs | None = None) -> Finding | None:
-    """The finding on successive steps; None where they tell nothing. ``named``: pairs that the names say."""
+def finding(found: Steps, pattern: str = "") -> Finding | None:
+    """The finding on successive steps; None where they tell nothing. ``pattern``: of pairs, if the names say one."""
     strengths = [step.strength for step in found]
     weakest = min((s for s in strengths if s >= FOUND), default=np.inf)
     seen = [s >= FOUND for s in strengths]
@@ -123,7 +125,7 @@ def finding(found: Steps, named: NamedPairs | None = None) -> Finding | None:
     shares = ", ".join(f"{s:.2f}" for s in strengths)
     if any(seen) and _alternates(seen):
         words = f"only every second frame has particles in common with the next one (correlations {shares})"
-        return _bad(words, len(seen) > 3 or seen[0], named)
+        return _bad(words, len(seen) > 3 or seen[0], pattern)
     if not all(seen) or len(seen) < 2:
         return None
     moves = ", ".join("({:+.1f}, {:+.1f}, {:+.1f})".format(*np.median(step.displacement, axis=0)) for step in found)
@@ -132,9 +134,9 @@ def finding(found: Steps, named: NamedPairs | None = None) -> Finding | None:
     if len(found) > 2:
         again = [_share(_back(a, b, c)) for a, b, c in zip(found, found[1:], found[2:], strict=False)]
         if min(differ) >= MOST and min(again) >= MOST:
-            return _bad(f"displacements of successive frames alternate: {where}", True, named)
+            return _bad(f"displacements of successive frames alternate: {where}", True, pattern)
     elif _share(_opposite(*found)) >= MOST:
-        return _bad(f"successive displacements are opposite: {where}", False, named)
+        return _bad(f"successive displacements are opposite: {where}", False, pattern)
     if max(differ) > 1 - MOST:
         return None
     return Finding("reversing", "good", f"successive displacements agree over {len(found) + 1} frames", max(differ))
@@ -170,14 +172,13 @@ def _share(windows: NDArray[np.bool_]) -> float:
     return float(np.mean(windows))
 
 
-def _bad(words: str, sure: bool, named: NamedPairs | None) -> Finding:
+def _bad(words: str, sure: bool, pattern: str) -> Finding:
     """Frames of pairs, read as a sequence."""
     words = f"{words}: pairs of a double-frame camera, read as one sequence?"
-    return Finding("reversing", "unusable" if sure else "warning", words, advice=_advice(named))
+    return Finding("reversing", "unusable" if sure else "warning", words, advice=_advice(pattern))
 
 
-def _advice(named: NamedPairs | None) -> str:
-    pattern = named.pattern if named is not None else ""
+def _advice(pattern: str) -> str:
     line = (
         f'pairs = "{printable(pattern)}" (names without their folder)' if pattern else 'pairs, as in "run_*_{a,b}.tif",'
     )

@@ -16,6 +16,9 @@ FEWEST_PAIRS = 4  # whose common light is static: particles of fewer may overlap
 SPOT, USUAL = 3.0, 99.0  # times a particle in focus, and the brightest hundredth of what both frames share
 SAME = 0.5  # of what one half shares that the other half shares where it is static; particles leave .4 at most
 LEAST_COUNTS = 5.0
+APART, LEAST_APART = 0.3, 10.0  # by which a dark image's counts may be off the black level: of that, and counts
+WIDE = 3.0  # microlenses across a spot of saturated pixels: particles in focus fill one
+FULL = 0.97  # of the highest count: after a dark image is taken off, saturated pixels differ
 BLOCK_PITCHES = 8  # side of a block whose darkest pixels are looked at ...
 DARKEST = 2.0  # ... per cent: particles leave these dark
 GLOW = 0.1  # of a particle in focus, by which a block's may be lighter than most
@@ -24,17 +27,46 @@ LIT = 0.5  # of the white image's bright pixels, that a pixel of a micro-image h
 DIM = 25.0  # per cent: pixels without light of their own
 
 
-def of_files(found: StaticLight) -> list[Finding]:
-    """What the dark image and those of static light show."""
+MASK = (
+    "mask it (recording.mask), or name images of the light without particles in recording.background: vectors near it "
+    "are pulled toward zero"
+)
+
+
+def of_files(found: StaticLight, dark: str = "") -> list[Finding]:
+    """What the dark image and those of static light show; ``dark``: the name of the first, where there is one."""
     out = []
     hot = int(np.count_nonzero(found.unusable))
     words = f"{hot} pixels are hot, dead or saturated by static light; they are left out"
     out.append(Finding("hot-pixels", "good", words, float(hot), "pixels"))
+    if dark:
+        out += _dark_level(dark, float(np.median(found.dark)), found.sensor)
     if found.pulses is not None:
         most = [float(np.percentile(light[~found.unusable], TOP)) for light in found.pulses]
         words = f"static light is taken off, up to {most[0]:.0f} counts of the first pulse, {most[1]:.0f} of the second"
-        out.append(Finding("static-light", "good", words, max(most), "counts"))
+        if min(most) > 0.5:
+            out.append(Finding("static-light", "good", words, max(most), "counts"))
+        else:  # noise alone leaves some
+            advice = f"name images that were recorded as the frames are{_low_bits(found.sensor)}, or none"
+            below = "an image in recording.background is darker than a pixel without light"
+            out.append(Finding("static-light", "warning", f"{below}: {words}", min(most), "counts", advice))
     return out
+
+
+def _dark_level(name: str, median: float, sensor: Sensor) -> list[Finding]:
+    """A finding where a dark image is not of the black level that is stated, but of another gain, or in other bits."""
+    level = sensor.black_level
+    if level <= 0 or abs(median - level) <= max(APART * level, LEAST_APART):
+        return []
+    words = f"pixels of {name} hold {median:.0f} counts, where black_level = {level:g}"
+    advice = f"is {name} of this camera, at the gain and exposure of the frames{_low_bits(sensor)}? Name one that is, "
+    advice += f"or set camera.sensor.black_level = {median:.0f}"
+    return [Finding("dark-level", "warning", words, median, "counts", advice)]
+
+
+def _low_bits(sensor: Sensor) -> str:
+    """What else may be wrong of files whose counts are in the upper bits."""
+    return ", with counts in the upper bits too" if sensor.alignment == "high" else ""
 
 
 def common_light(frames: list[NDArray], sensor: Sensor) -> Finding | None:
@@ -73,9 +105,17 @@ def _again(one: NDArray, other: NDArray) -> tuple[float, float]:
 
 def spot(a: NDArray, b: NDArray, sensor: Sensor, pitch_px: float, particle: float) -> Finding | None:
     """A finding where both frames of one pair (counts) hold a spot, under a microlens or more, that is far brighter
-    than particles are; ``particle``: counts of one in focus."""
+    than particles are, or wider than particles and saturated; ``particle``: counts of one in focus."""
     from scipy.ndimage import uniform_filter
 
+    top = min(float(a.max()), float(b.max()))
+    if top - sensor.black_level > 0.5 * (sensor.full_scale - sensor.black_level):
+        full = uniform_filter((np.minimum(a, b) >= FULL * top).astype(np.float32), round(WIDE * pitch_px))
+        if full.max() > 0.5:
+            row, column = (int(k) for k in np.unravel_index(np.argmax(full), full.shape))
+            words = f"static light: a spot of saturated pixels, {WIDE:.0f} microlenses wide or more, is in both frames"
+            words += f" at (column, row) = ({column}, {row}): a reflection?"
+            return Finding("static-light", "warning", words, top, "counts", MASK)
     both = uniform_filter(np.minimum(a, b).astype(np.float32), round(pitch_px)) - np.float32(sensor.black_level)
     top, usual = float(both.max()), float(np.percentile(both[::2, ::2], USUAL))
     if particle <= 0 or top < SPOT * max(particle, usual):
@@ -88,8 +128,7 @@ def spot(a: NDArray, b: NDArray, sensor: Sensor, pitch_px: float, particle: floa
         f"particle in focus gives {particle:.0f}: a reflection, or an aggregate?",
         top,
         "counts",
-        "if other frames have it too, mask it (recording.mask), or name images of the light without particles in "
-        "recording.background",
+        f"if other frames have it too, {MASK}",
     )
 
 

@@ -12,6 +12,7 @@ from plenopiv.calibration import LatticeFit, find_lattice
 from plenopiv.calibration.aperture import aperture_disc
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.checks.findings import Finding
+from plenopiv.checks.light import HOT_SHARE, alone
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.recording.formats import split
 from plenopiv.sensor import Sensor
@@ -22,6 +23,7 @@ MATCHED = 0.04  # by which micro-images may be wider or narrower than the pitch;
 STATED = 0.04  # and than the stated aperture makes them
 SATURATED = 1e-3  # share of the pixels
 DEAD = 1e-3  # share of the pixels without any count
+SUBTRACTED = 1.3  # times as many pixels that are nearly dark as have no count: noise clips half of them
 NO_COUNT = 1.0
 ARRAYS = {".h5", ".hdf5", ".npy"}  # files that say nothing of which axis are rows
 UPRIGHT_DEG = 5.0  # of rows from the columns within which they run along these
@@ -116,6 +118,8 @@ def _light(white: NDArray, camera: PlenopticCamera, name: str, largest: float) -
     if saturated > SATURATED:
         words = f"{name} is overexposed: {100 * saturated:.2g} % of the pixels are saturated"
         advice = "record it with less light: micro-images lose their rims"
+        if saturated < HOT_SHARE and alone(white >= sensor.full_scale) > 0.5:
+            advice = "name a dark image (recording.dark): most of them are alone, as hot pixels are"
         return [Finding("white-overexposed", "warning", words, 100 * saturated, "%", advice)]
     if level < DARK:
         advice = "record it with more light, or average several images: the lattice is found from it"
@@ -140,11 +144,12 @@ def _fewer_bits(sensor: Sensor, level: float, largest: float) -> int | None:
 def _dead(white: NDArray, camera: PlenopticCamera, name: str) -> list[Finding]:
     """Pixels without any count, where the sensor gives dark ones some."""
     share, level = float(np.mean(white <= NO_COUNT)), camera.sensor.black_level
+    low = float(np.mean(white < 0.5 * level))  # what noise leaves of a level that was subtracted
     if level < 10 * NO_COUNT or share < DEAD:
         return []
-    words = (
-        f"{100 * share:.2g} % of the pixels of {name} hold no count, where black_level = {level:g}: "
-        "they are dead, or the camera subtracts the black level"
-    )
-    advice = "name a dark image in recording.dark, or mask them: recording.mask; or set camera.sensor.black_level = 0"
+    words = f"{100 * share:.2g} % of the pixels of {name} hold no count, where black_level = {level:g}: they are dead"
+    advice = "name a dark image in recording.dark, or mask them: recording.mask"
+    if low > SUBTRACTED * share:
+        words += ", or the camera subtracts the black level"
+        advice += "; or set camera.sensor.black_level = 0"
     return [Finding("dead-pixels", "warning", words, 100 * share, "%", advice)]

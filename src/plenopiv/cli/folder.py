@@ -207,7 +207,7 @@ def _sizes(
             other = frames[0] if name in doubled else white
             raise PlenoPIVError(
                 f"{found[0].path}: is {size[name][0]} x {size[name][1]} pixels, but {other} is "
-                f"{size[other][0]} x {size[other][1]}; all images must come from one sensor"
+                f"{size[other][0]} x {size[other][1]}; all images must come from one sensor; move others away"
             )
     return columns, rows, stacked
 

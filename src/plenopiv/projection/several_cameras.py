@@ -40,7 +40,7 @@ class SeveralCameras:
     def __init__(self, grid: VoxelGrid, projectors: Sequence[PlenopticProjector], poses: Sequence[Pose]):
         self.grid, self.projectors, self.poses = grid, tuple(projectors), tuple(poses)
         for number, (projector, pose) in enumerate(zip(projectors, poses, strict=True), 1):
-            if projector.grid != pose.grid(grid):
+            if not projector.grid.agrees_with(pose.grid(grid)):
                 raise PlenoPIVError(f"camera {number}: its voxels are not the volume's, turned as it is mounted")
         self._first = np.cumsum([0, *(p.views for p in self.projectors)])
         self._lenses = max(p.layout.lenses for p in self.projectors)

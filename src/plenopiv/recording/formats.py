@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError, brief
 from plenopiv.hdf5 import damage
-from plenopiv.recording.tiff import Header
+from plenopiv.recording.tiff import COUNTS, Header
 
 SEPARATOR = "::"  # between an HDF5 file and its data set
 NAMES_DATASET = re.compile(rf"(.*?\.(?:h5|hdf5)){SEPARATOR}(.*)", re.IGNORECASE | re.DOTALL)
@@ -61,7 +61,7 @@ def checked(array_shape: tuple[int, ...], dtype: np.dtype, path: Path) -> None:
     if len(array_shape) == 3 and array_shape[-1] in (3, 4) and array_shape[0] > 4:
         raise PlenoPIVError(f"{path}: is a colour image {array_shape}; only raw monochrome images are supported")
     if not are_counts(dtype):
-        raise PlenoPIVError(f"{path}: holds {dtype} values; raw images hold 8- or 16-bit unsigned counts")
+        raise PlenoPIVError(f"{path}: holds {dtype} values; {COUNTS}")
     if prod(array_shape[-2:]) * dtype.itemsize > LARGEST:
         raise PlenoPIVError(f"{path}: holds images of {array_shape[-1]} x {array_shape[-2]} pixels: is it damaged?")
 
@@ -195,7 +195,7 @@ class PNGFile:
         if colour != 0:
             raise PlenoPIVError(f"{path}: is a colour image; only raw monochrome images are supported")
         if bits not in (8, 16):
-            raise PlenoPIVError(f"{path}: holds {bits} bits per pixel; raw images hold 8- or 16-bit unsigned counts")
+            raise PlenoPIVError(f"{path}: holds {bits} bits per pixel; {COUNTS}")
         checked((rows, columns), np.dtype(np.uint8 if bits == 8 else np.uint16), path)
         return (columns, rows), bits
 

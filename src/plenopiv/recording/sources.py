@@ -167,14 +167,14 @@ def _aligned(counts: NDArray, sensor: Sensor | None, name: str, mean: bool) -> N
         if not low_bits_empty and spare > 0:
             raise PlenoPIVError(
                 f"{name}: its values are no multiples of {1 << spare}, so they are not {sensor.bit_depth} bits in the "
-                'upper part of 16; remove camera.sensor.alignment = "high"'
+                'upper part of 16; remove camera.sensor.alignment = "high", and save all images alike'
             )
         return counts >> spare
     highest = int(counts.max())
     if highest > sensor.full_scale:
         hint = (
             f"all values are multiples of {1 << spare}, so they are in the upper bits: set "
-            'camera.sensor.alignment = "high"'
+            'camera.sensor.alignment = "high"; all images are to be saved so'
             if low_bits_empty
             else "set camera.sensor.bit_depth to what the camera wrote"
         )

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import tifffile
 
 EXIF = 34665
+COUNTS = "raw images hold 8- or 16-bit unsigned counts; round those of a mean image, and save them as 16-bit unsigned"
 BULKY_TAGS = {273, 279, 324, 325, EXIF}  # where the pixels lie
 SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 Header = tuple[tuple[int, int], int]  # (columns, rows), bits per pixel
@@ -177,7 +178,7 @@ def _readable(path: Path, page: tifffile.TiffPage) -> None:
     if page.imagedepth != 1:
         raise PlenoPIVError(f"{path}: is a volume of {page.imagedepth} slices (image depth), not an image")
     if page.dtype not in (np.uint8, np.uint16):
-        raise PlenoPIVError(f"{path}: holds {page.dtype} values; raw images hold 8- or 16-bit unsigned counts")
+        raise PlenoPIVError(f"{path}: holds {page.dtype} values; {COUNTS}")
 
 
 def _header(page: tifffile.TiffPage) -> Header:

@@ -56,6 +56,12 @@ class PlenopticProjector:
                 f"volume.z_mm: as the camera sees it, the volume reaches z = {nearest:.6g} mm, which is not in front "
                 f"of the main lens at {lens_z:.6g} mm; is the calibration this camera's, and are all lengths in mm?"
             )
+        focus_z = lens_z - layout.camera.main_lens.focal_length_mm
+        if nearest >= focus_z:
+            raise PlenoPIVError(
+                f"volume.z_mm: as the camera sees it, the volume reaches z = {nearest:.6g} mm, beyond the main lens' "
+                f"front focal plane at {focus_z:.6g} mm: nothing there is imaged; end it well before"
+            )
         self.layout, self.grid, self.weights, self.across = layout, grid, weights, across
         self.rule, self.camera = RULES[weights], CameraOnGrid(layout, grid, shifts)
         self._equations: NDArray[np.bool_] | None = None  # of a tile; all that the layout has otherwise
