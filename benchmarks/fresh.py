@@ -43,6 +43,7 @@ DECISIONS = {
     "checks": 84,
     "reconstruction": 62,
     "correlation": 76,
+    "ensembles": 96,
     "tracking": 92,
     "links": 82,
     "smoothing": 91,

@@ -13,8 +13,12 @@ from plenopiv.displacement import ensemble
 from plenopiv.displacement.ensemble import SummedPairs, brightness, measure_ensemble
 from plenopiv.displacement.multigrid import correlation_pass, measure
 from plenopiv.displacement.offset import discrete_offset, summed_offset
+from plenopiv.displacement.parts_of_pairs import PartsOfPairs
+from plenopiv.displacement.resolution import averaged_share
 from plenopiv.displacement.settings import CorrelationSettings
-from plenopiv.displacement.window_pass import PassVectors, WindowPass
+from plenopiv.displacement.sub_windows import average_sub_windows
+from plenopiv.displacement.uncertainty import OF_MEANS
+from plenopiv.displacement.window_pass import PassVectors, WindowPass, scattered_layers
 from plenopiv.displacement.windows import window_grid
 from plenopiv.errors import PlenoPIVError
 from plenopiv.volume import DenseVolume, VoxelGrid
@@ -243,18 +247,59 @@ def test_errors_of_ensembles_lie_within_the_stated_ones(thin_pairs, particles):
 
 
 @pytest.mark.full
-def test_a_flow_that_fluctuates_makes_error_bars_longer(particle_pair, uniform_flow):
-    """Each pair moves by its own amount, all its particles alike: only the scatter between pairs shows that."""
+@pytest.mark.parametrize(("inner", "long"), [(CUBE, 1.0), ((16, 16, 16), 1.0), ((16, 16, 16), 3.0)])
+def test_a_flow_that_fluctuates_makes_error_bars_longer(particle_pair, uniform_flow, inner, long):
+    """Each pair moves by its own amount, all its particles alike: only the scatter between pairs shows that. Of
+    particles that are ``long`` a pass shows a third of it."""
     rng, fields, count = np.random.default_rng(3), [], 10
+    settings = replace(SMALL, inner_window=inner)
     for ensemble_number in range(6):
         shifts = 0.15 * rng.standard_normal((count, 3))
         density, seed = 5 / np.prod(CUBE), 50 * ensemble_number
-        pairs = [particle_pair((48, 48, 60), uniform_flow(s), density, seed=seed + k) for k, s in enumerate(shifts)]
-        fields.append(measure_ensemble(pairs, SMALL))
+        about = (48, 48, 60), density, (1.0, 1.0, long)
+        pairs = [particle_pair(about[0], uniform_flow(s), *about[1:], seed + k) for k, s in enumerate(shifts)]
+        fields.append(measure_ensemble(pairs, settings))
     error = np.array([f.displacement.mean((1, 2, 3)) for f in fields])
-    stated = np.median(np.concatenate([f.std.reshape(3, -1) for f in fields], 1))
+    stated = np.median(np.concatenate([f.std.reshape(3, -1) for f in fields], 1), 1)
     assert 0.03 < np.sqrt((error**2).mean()) < 0.07  # 0.15 / sqrt(10)
-    assert 0.8 * 0.15 / np.sqrt(count) < stated < 2 * 0.15 / np.sqrt(count)
+    assert (0.75 * 0.15 / np.sqrt(count) < stated).all()
+    assert (stated < 2 * 0.15 / np.sqrt(count)).all()
+
+
+@pytest.mark.full
+def test_errors_of_means_over_sub_windows_lie_within_the_stated_ones(thin_pairs):
+    """What chance makes of the scatter between pairs does not make bars of a steady flow longer."""
+    shift, settings = (0.3, -0.6, 0.4), replace(SMALL, inner_window=(16, 16, 16))
+    more = {"particles": 6.0, "jitter": (0.15,) * 3}
+    pairs = [thin_pairs(10, shift, (72, 72, 96), first_seed=100 * seed, **more) for seed in range(3)]
+    one, two = coverage([measure_ensemble(each, settings) for each in pairs], shift)
+    assert 0.58 < one < 0.78
+    assert 0.9 < two < 0.99
+
+
+@pytest.mark.parametrize("overlap", [0.6, 0.1])  # where layers overlap more, the scatter is known in every second
+def test_parts_of_pairs_are_averaged_as_their_vectors_are(overlap):
+    """Against what each pair alone finds, a field that is averaged over sub-windows: the variance of the mean."""
+    shape, count, settings = (40, 40, 48), 7, replace(SMALL, inner_window=(10, 10, 10))
+    windows, whole = window_grid(shape, (10, 10, 10), overlap), window_grid(shape, CUBE, settings.overlap)
+    scattered = scattered_layers(windows, settings)
+    assert scattered.all() == (overlap < 0.5)
+    rng, nothing = np.random.default_rng(0), (np.ones(windows.shape, bool), np.ones(windows.shape, np.float32))
+    known = np.broadcast_to(scattered[:, None, None], windows.shape).copy()
+    known[-1, :, 0] = False
+    parts, means = PartsOfPairs(count, windows, shape, known, settings), []
+    for number in range(count):
+        alone = rng.standard_normal((*windows.shape, 3))
+        for layers in (slice(0, 2), slice(2, windows.shape[0])):  # left out in part, the mean moves the other way
+            left_out = -OF_MEANS / count * alone[layers].reshape(layers.stop - layers.start, -1, 3)
+            parts.add(number, range(layers.start, layers.stop), left_out)
+        alone[-1, :, 0] = alone[-1, :, 1]
+        for layer in np.flatnonzero(~scattered):
+            alone[layer] = (alone[layer - 1] + alone[layer + 1]) / 2
+        field = np.moveaxis(alone, -1, 0)
+        mean, *_ = average_sub_windows(field, field, *nothing, windows, whole, averaged_share(settings))
+        means.append(mean)
+    np.testing.assert_allclose(parts.variance(), np.var(means, 0, ddof=1) / count, rtol=1e-3)
 
 
 def test_a_peak_is_the_sum_of_what_pairs_and_blocks_add_to_it(particle_pair, uniform_flow):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from plenopiv.displacement import ensemble
 from plenopiv.displacement.multigrid import measure
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.solid import Solid, block_of, vectors_in
@@ -91,6 +92,24 @@ def test_light_in_windows_of_the_body_changes_no_vector(walled):
     free = ~before.solid
     np.testing.assert_array_equal(before.displacement[:, free], after.displacement[:, free])
     np.testing.assert_array_equal(before.std[:, free], after.std[:, free])
+
+
+def test_nor_an_error_bar_of_an_ensemble(walled, monkeypatch):
+    """What it does to the brightness of pairs beside."""
+    monkeypatch.setattr(ensemble, "brightness", lambda volume: 1.0)
+    volumes, solid = walled
+    settings = CorrelationSettings(windows=((24, 24, 16), (16, 16, 12)), inner_window=(12, 12, 8), fine_passes=1)
+    fields = []
+    for seed in (0, 1):
+        rng, pairs = np.random.default_rng(seed), []
+        for _ in range(3):
+            pair = [volume.with_values(volume.values.copy()) for volume in volumes]
+            for volume in pair:
+                volume.values[:, :, 72:] = 50 * rng.random(volume.values[:, :, 72:].shape)
+            pairs.append(tuple(pair))
+        fields.append(ensemble.measure_ensemble(pairs, settings, solid=solid))
+    free = ~fields[0].solid
+    np.testing.assert_array_equal(fields[0].std[:, free], fields[1].std[:, free])
 
 
 def test_without_a_body_nothing_is_left_out(walled):

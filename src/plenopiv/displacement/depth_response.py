@@ -25,15 +25,21 @@ LEAST = 0.2  # r that is taken at least: of a smaller one noise is all
 
 
 def depth_response(
-    pairs: Pairs, windows: WindowGrid, predictor: SplineField, settings: CorrelationSettings, last: PassResult
+    pairs: Pairs,
+    windows: WindowGrid,
+    predictor: SplineField,
+    settings: CorrelationSettings,
+    last: PassResult,
+    closed: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.float64]:
     """r (nz,) of each layer of ``windows``, LEAST to 1: the median of a layer's sample, linear between these. ``last``:
-    what the last pass, deformed by ``predictor``, found in them."""
+    what the last pass, deformed by ``predictor``, found in them; ``closed`` (nz, ny, nx): windows in a solid body."""
     (z, y, x), sample = _sampled(windows), sample_of(windows)
     starts = sample.starts
     beyond = pairs.correlated(sample, _moved(predictor, OFFSET), settings, settings.residual_search)
     gap = (beyond.displacement[2] - last.displacement[2, z, y, x]) / OFFSET
-    left = np.where(beyond.found & last.found[z, y, x], gap, np.nan).reshape(len(starts[0]), -1)
+    free = True if closed is None else ~closed[z, y, x]
+    left = np.where(beyond.found & last.found[z, y, x] & free, gap, np.nan).reshape(len(starts[0]), -1)
     measured = np.isfinite(left).any(1)
     if not measured.any():
         return np.ones(windows.shape[0])

@@ -24,14 +24,16 @@ alone,
     s^2 = V(blocks) + max(V(pairs) - V(blocks of pairs), 0)
 
 (errors clustered two ways: Cameron, Gelbach & Miller 2011, J. Bus. Econ. Stat. 29 238). For one pair it is V(blocks),
-as for ``measure``. Iteration and averaging bias follow as there (``uncertainty``).
+as for ``measure``. Iteration and averaging bias follow as there (``uncertainty``). Of means over sub-windows, which
+share what a pair has of its own, each pair's part in the mean is summed, and V(pairs) is that of the mean
+(``PartsOfPairs``): the larger of it and what V(blocks) makes of the mean is taken.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Generic, Protocol, TypeVar
 
@@ -46,6 +48,7 @@ from plenopiv.displacement.field import DisplacementField
 from plenopiv.displacement.multigrid import multi_grid
 from plenopiv.displacement.offset import summed_offset
 from plenopiv.displacement.pairs import Progress
+from plenopiv.displacement.parts_of_pairs import PartsOfPairs
 from plenopiv.displacement.predictor import SplineField
 from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.solid import Solid
@@ -58,6 +61,7 @@ from plenopiv.displacement.uncertainty import (
     part_left_out,
     variance_of,
 )
+from plenopiv.displacement.validation import accepted
 from plenopiv.displacement.window_pass import PassResult, PassVectors, StepDone, WindowPass
 from plenopiv.displacement.windows import WindowGrid
 from plenopiv.errors import PlenoPIVError
@@ -108,15 +112,15 @@ def measure_ensemble(
     asked for once in each pass and for each step of the discrete window offset, three times in the last, and as many
     times as often as the windows' correlations take more than ``PLANES_BYTES``; one pair is held at a time. Memory: a
     pair of volumes and what ``measure`` takes for it, and ``PLANES_BYTES`` at most (or one layer of windows, where that
-    takes more) for the correlations, 4 bytes for each displacement that is searched of each window. ``progress``,
-    ``solid``, ``depth``: as for ``measure``.
+    takes more) for the correlations, 4 bytes for each displacement that is searched of each window; with sub-windows 12
+    bytes for each pair and vector. ``progress``, ``solid``, ``depth``: as for ``measure``.
 
     Raises:
         PlenoPIVError: there is no pair, volumes differ in grid, windows do not fit, or nothing is found.
     """
     if not len(pairs):
         raise PlenoPIVError("ensemble correlation: no pairs were given; give one or more")
-    summed = SummedPairs(pairs, settings, depth)
+    summed = SummedPairs(pairs, settings, depth, solid)
     return multi_grid(summed, summed.grid.shape, settings, progress, solid)
 
 
@@ -124,9 +128,13 @@ class SummedPairs:
     """The passes' correlations, summed over pairs (``pairs.Pairs``)."""
 
     def __init__(
-        self, pairs: PairsOfVolumes[Volume], settings: CorrelationSettings, depth: DepthWeights | None = None
+        self,
+        pairs: PairsOfVolumes[Volume],
+        settings: CorrelationSettings,
+        depth: DepthWeights | None = None,
+        solid: Solid | None = None,
     ) -> None:
-        self._depth, self._part = depth, part_left_out(settings)
+        self._depth, self._solid, self._part = depth, solid, part_left_out(settings)
         self._pairs, self._exponent = pairs, settings.intensity_exponent
         self._brightness: list[tuple[float, float]] = []  # of each pair's volumes
         self.grid: VoxelGrid = pairs[0][0].grid
@@ -185,12 +193,26 @@ class SummedPairs:
                 step_done(count, total)
 
         at_once = max(1, PLANES_BYTES // (4 * batches.count * int(np.prod(batches.plane))))
-        for begin in range(0, batches.layers, at_once):
-            layers = range(begin, min(begin + at_once, batches.layers))
-            peaks = self._peaks(batches, layers, vectors, layer_done)
-            if scatter:
-                self._scatter(batches, layers, peaks, vectors, layer_done)
-        return vectors.result(predictor)
+        parts = [range(n, min(n + at_once, batches.layers)) for n in range(0, batches.layers, at_once)]
+        peaks = [self._peaks(batches, layers, vectors, layer_done) for layers in parts]
+        if not scatter:
+            return vectors.result(predictor)
+        means = self._means(vectors, predictor, windows, settings)
+        for layers, of_layers in zip(parts, peaks, strict=True):
+            self._scatter(batches, layers, of_layers, vectors, means, layer_done)
+        found = vectors.result(predictor)
+        return found if means is None else replace(found, between_pairs=means.variance())
+
+    def _means(
+        self, vectors: PassVectors, predictor: SplineField | None, windows: WindowGrid, settings: CorrelationSettings
+    ) -> PartsOfPairs | None:
+        """Where pairs' parts in means over sub-windows are summed, those of vectors that count alone; None without."""
+        if len(self) == 1 or settings.sub_window is None:
+            return None
+        found = vectors.result(predictor)
+        closed = None if self._solid is None else self._solid.filled(windows, settings.windows[-1])
+        known = accepted(found.displacement, found.found, settings, closed) & vectors.scattered[:, None, None]
+        return PartsOfPairs(len(self), windows, self.grid.shape, known, settings) if known.any() else None
 
     def _peaks(self, batches: WindowPass, layers: range, vectors: PassVectors, layer_done: StepDone) -> Peaks:
         """Sum the correlations of some layers of windows and find their peaks."""
@@ -220,12 +242,18 @@ class SummedPairs:
         return peaks
 
     def _scatter(
-        self, batches: WindowPass, layers: range, peaks: Peaks, vectors: PassVectors, layer_done: StepDone
+        self,
+        batches: WindowPass,
+        layers: range,
+        peaks: Peaks,
+        vectors: PassVectors,
+        means: PartsOfPairs | None,
+        layer_done: StepDone,
     ) -> None:
-        """The variance of the peaks of some layers of windows."""
+        """The variance of the peaks of some layers of windows; each pair's part in them goes to the ``means``."""
         shape, correlator = (len(layers), batches.count), batches.correlator
         blocks = int(correlator.blocks.prod())
-        sums, of_pairs, of_cells = (np.zeros((*shape, *rest)) for rest in ((blocks, 7), (2, 3), (2, 3)))
+        sums, of_pairs, of_cells, of_pair = (np.zeros((*shape, *rest)) for rest in ((blocks, 7), *[(2, 3)] * 3))
 
         def add(layer: int, part: slice, spectra: Spectra) -> None:
             if not vectors.scattered[layer]:
@@ -235,17 +263,21 @@ class SummedPairs:
             own[~spectra.lit] = 0.0
             sums[here] += own
             about = peaks.total[here], peaks.untilt[here], OF_MEANS
-            add_left_out(own, *about, of_cells[here])
-            add_left_out(own.sum(1, keepdims=True), *about, of_pairs[here])
+            if means is None:
+                add_left_out(own, *about, of_cells[here])
+            of_pair[here] = 0.0
+            add_left_out(own.sum(1, keepdims=True), *about, of_pair[here])
 
-        for pair in self:
-            batches.each_batch(*pair, add, layers, layer_done)
-            del pair
+        for number in range(len(self)):
+            batches.each_batch(*self._pair(number), add, layers, layer_done)
+            of_pairs += of_pair
+            if means is not None:
+                means.add(number, layers, of_pair[:, :, 0])
         for layer in range(len(layers)):
             variance = jackknife_variance(sums[layer], peaks.untilt[layer], self._part)
-            more = variance_of(of_pairs[layer], len(self), OF_MEANS)  # a whole pair may be all that a window has
-            more -= variance_of(of_cells[layer], len(self) * blocks, OF_MEANS)
-            if len(self) > 1:
+            if len(self) > 1 and means is None:
+                more = variance_of(of_pairs[layer], len(self), OF_MEANS)  # a whole pair may be all that a window has
+                more -= variance_of(of_cells[layer], len(self) * blocks, OF_MEANS)
                 variance += np.maximum(more, 0.0)
             vectors.variance[layers.start + layer] = variance
 

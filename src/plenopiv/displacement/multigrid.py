@@ -23,7 +23,7 @@ from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.displacement.solid import Solid
 from plenopiv.displacement.sub_windows import average_sub_windows
 from plenopiv.displacement.uncertainty import part_left_out, standard_deviation
-from plenopiv.displacement.validation import find_outliers, replace_invalid
+from plenopiv.displacement.validation import accepted, replace_invalid
 from plenopiv.displacement.window_pass import PassResult, PassVectors, StepDone, WindowPass
 from plenopiv.displacement.windows import WindowGrid, window_grid
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
@@ -172,8 +172,9 @@ def multi_grid(
     _warn_if_far(displacement, valid, settings)
     assert result.variance is not None
     whole = None if settings.sub_window is None else window_grid(shape, settings.windows[-1], settings.overlap)
-    response = None if predictor is None else depth_response(pairs, plan[-1], predictor, settings, result)
-    std = standard_deviation(displacement, valid, result.variance, plan[-1], settings, whole, response)
+    response = None if predictor is None else depth_response(pairs, plan[-1], predictor, settings, result, closed)
+    scatter_of = result.variance, plan[-1], settings, whole, response, result.between_pairs
+    std = standard_deviation(displacement, valid, *scatter_of)
     found = displacement, result.displacement, valid, result.peak_ratio
     if whole is not None:
         found = average_sub_windows(*found, plan[-1], whole, averaged_share(settings))
@@ -188,9 +189,8 @@ def _validated(
     """Which vectors are valid, and the displacement with the others replaced: by the median of those measured, if none
     is valid, as of frames that do not belong together. ``closed`` windows (nz, ny, nx), in a solid body, count as if
     they held no light."""
-    threshold, floor = settings.outlier_threshold, settings.outlier_floor_voxels
     measured = result.found if closed is None else result.found & ~closed
-    valid = measured & ~find_outliers(result.displacement, measured, threshold, floor)
+    valid = accepted(result.displacement, result.found, settings, closed)
     if measured.any() and not valid.any():
         middle = np.median(result.displacement[:, measured], axis=1)
         return valid, np.broadcast_to(middle[:, None, None, None], result.displacement.shape).copy()

@@ -39,11 +39,13 @@ _ALIASES = 4
 class NoiseAmplification:
     """``gain``: K, variance of a vector over that of one correlation. ``bias_share``: c, variance that noise gives the
     estimated averaging bias, over the variance of a vector. ``covariance`` (n, n, n): of two vectors over the variance
-    of one; the index less that of the middle is their distance in vectors along z, y, x."""
+    of one; the index less that of the middle is their distance in vectors along z, y, x. ``of_all``: how far vectors
+    move where all correlations of the last pass move by one, and the predictor with them."""
 
     gain: float
     bias_share: float
     covariance: NDArray[np.float64]
+    of_all: float
 
     def variance_of_mean(self, weights: Weights) -> NDArray[np.float64]:
         """Variance (nz, ny, nx) of means with ``weights`` (means, vectors) along z, y, x, over that of one vector."""
@@ -91,12 +93,14 @@ def noise_amplification(
     for before in passes[-settings.fine_passes : -1]:
         f, h, c = _predicted(before, windows, settings, q)
         amplified, coarse = 1 + f * (h - response * c) * amplified, f * (h - response * c) * coarse
-    spectrum = (power - own**2) * amplified**2 + (own * amplified + coarse / response) ** 2
+    whole = own * amplified + coarse / response
+    spectrum = (power - own**2) * amplified**2 + whole**2
     of_bias = (bias[0][:, None, None] + bias[1][:, None] + bias[2]) ** 2
     of_one = spectrum.sum()
     covariance = np.fft.fftshift(np.fft.ifftn(spectrum).real) * (spectrum.size / of_one)
     gain, share = float(of_one / power.sum()), float((spectrum * of_bias).sum() / of_one)
-    return NoiseAmplification(gain, share, covariance[1:, 1:, 1:])  # symmetric about the middle
+    of_all = float(whole[0, 0, 0])  # of waves without end
+    return NoiseAmplification(gain, share, covariance[1:, 1:, 1:], of_all)  # symmetric about the middle
 
 
 def _predicted(

@@ -252,11 +252,13 @@ def standard_deviation(
     settings: CorrelationSettings,
     whole: WindowGrid | None = None,
     response: NDArray[np.float64] | None = None,
+    between_pairs: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Standard deviation (3, nz, ny, nx) of ``displacement`` (same shape), in voxels; finite everywhere. With
     ``whole``: of its mean over those windows, one for each of them. ``response`` (nz,): what part of a displacement in
     depth a pass finds in each layer (``depth_response``); None for all of it.
 
+    ``between_pairs`` (3, as ``whole``): the variance of means as many pairs tell it, which the noise is at least.
     ``variance``: of one correlation, from ``ScatterCorrelator``. A replaced vector (``valid`` False) has no particles
     of its own. Its variance is the mean of the 26 nearest valid ones, whose linear fit its value is, with q enlarged:
     with neighbours all around, a fit weighted by r^-2 is off by <r^2>/6 = 0.30 squared steps of d''_x + d''_y + d''_z.
@@ -286,8 +288,11 @@ def standard_deviation(
     noise = mean_over(np.sqrt(out[0]), constant) ** 2
     # replaced sub-windows come from the same few neighbours: a mean over them has no less noise
     of_mean = np.stack([amplified(1.0).variance_of_mean(linear)] * 3)
+    of_pairs = np.zeros(of_mean.shape) if between_pairs is None else between_pairs.copy()
     for layer, r in enumerate(np.round(constant[0] @ shows, 2).tolist()):
         if r < 1.0:
             of_mean[2, layer] = amplified(r).variance_of_mean((linear[0][layer : layer + 1], *linear[1:]))[0]
-    measured = of_mean * noise + _BIAS_OF_MEAN * bias
+            of_pairs[2, layer] *= amplified(r).of_all ** 2
+    noise, noise_of_mean = np.maximum(noise, of_pairs), np.maximum(of_mean * noise, of_pairs)
+    measured = noise_of_mean + _BIAS_OF_MEAN * bias
     return np.sqrt(np.where(mostly_measured(valid, constant), measured, noise + bias))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from plenopiv.displacement.settings import CorrelationSettings
 from plenopiv.errors import PlenoPIVError
 
 _ITERATIONS = 3  # clustered outliers mask one another: each iteration tests against the vectors that the last accepted
@@ -90,6 +91,18 @@ def find_outliers(
             break
         accepted = now
     return measured & ~accepted
+
+
+def accepted(
+    displacement: NDArray[np.float64],
+    found: NDArray[np.bool_],
+    settings: CorrelationSettings,
+    closed: NDArray[np.bool_] | None = None,
+) -> NDArray[np.bool_]:
+    """Vectors (nz, ny, nx) that were ``found`` and are no outliers. ``closed``: windows (nz, ny, nx) in a solid body,
+    which count as if they held no light."""
+    measured = found if closed is None else found & ~closed
+    return measured & ~find_outliers(displacement, measured, settings.outlier_threshold, settings.outlier_floor_voxels)
 
 
 def replace_invalid(displacement: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -32,12 +32,15 @@ class PassResult:
     """What one pass measured: ``displacement`` (3, nz, ny, nx) voxels, ``found`` and ``peak_ratio`` (nz, ny, nx).
 
     ``variance`` (3, nz, ny, nx), voxel^2: scatter of the particles of a window about its peak; None unless ``scatter``.
+    ``between_pairs``, alike, of the windows over which sub-windows are averaged: scatter of their mean from pair to
+    pair; None but of many pairs.
     """
 
     displacement: NDArray[np.float64]
     found: NDArray[np.bool_]
     peak_ratio: NDArray[np.float32]
     variance: NDArray[np.float64] | None = None
+    between_pairs: NDArray[np.float64] | None = None
 
 
 class PassVectors:

@@ -220,7 +220,7 @@ def keep_unchanged(folder: SeriesFolder, recording: Recording) -> None:
                 continue
             raise PlenoPIVError(
                 f"{folder.directory}: holds {max(folder.finished) + 1} pairs, the recording {count}; "
-                "use --overwrite, or another output.directory"
+                "use --overwrite, or another folder (output.directory, --out)"
             )
         changed = changed_frame(recording, record)
         if changed is None and not record.get("again"):
@@ -230,7 +230,7 @@ def keep_unchanged(folder: SeriesFolder, recording: Recording) -> None:
         if record["set_aside"] is None and not folder.overwrite:
             raise PlenoPIVError(
                 f"{folder.directory}: holds a run of other frames ({changed}); use --overwrite, or another "
-                "output.directory"
+                "folder (output.directory, --out)"
             )
         was = "measured" if record["set_aside"] is None else "set aside"
         folder.words.append(f"pair {number} was {was} ({changed or record['set_aside']}); it is measured again")
