@@ -66,6 +66,12 @@ def test_counts_with_gaps_are_not_taken_for_filtered_ones(scale, bits, says):
     assert filtered.of_frame(np.round(light + 60).astype(np.uint16), SENSOR, "a.tif") is None
 
 
+def test_saturated_pixels_in_the_upper_bits_are_not_filtered_ones():
+    counts = np.random.default_rng(0).poisson(400.0, (280, 300)).astype(np.uint16)
+    counts[:120] = 4095
+    assert filtered.of_frame(16 * counts, Sensor(300, 280, 0.0055, 16, 960), "a.tif").name == "upper-bits"
+
+
 def test_filtered_counts_in_the_upper_bits_are_still_named():
     counts = 16 * median_filter(np.random.default_rng(0).poisson(400.0, (280, 300)), 3).astype(np.uint16)
     assert filtered.of_frame(counts, Sensor(300, 280, 0.0055, 16, 960), "a.tif").name == "filtered"

@@ -27,11 +27,11 @@ TOO_OFTEN = 4.0
 def of_frame(counts: NDArray, sensor: Sensor, name: str) -> Finding | None:
     """A finding on a frame that was filtered, or else on one whose counts are in the upper bits of what is stated."""
     apart = between_counts(counts)
-    camera = replace(sensor, black_level=sensor.black_level / apart)
+    bits = max(sensor.bit_depth - round(log2(apart)), 1)
+    camera = replace(sensor, bit_depth=bits, black_level=sensor.black_level / apart)
     found = finding(equal_neighbours(np.round(counts / apart).astype(np.int32), camera), name)
     if found is not None or apart < 2 or sensor.bit_depth != 16 or not log2(apart).is_integer():
         return found
-    bits = 16 - int(log2(apart))
     words = f"counts of {name} are multiples of {apart:.0f}: {bits} bits in the upper part of 16"
     words += f', which camera.sensor.bit_depth = {bits} and alignment = "high" say'
     return Finding("upper-bits", "good", words, float(bits), "bits")
