@@ -18,6 +18,7 @@ SAME = 0.5  # of what one half shares that the other half shares where it is sta
 LEAST_COUNTS = 5.0
 APART, LEAST_APART = 0.3, 10.0  # by which a dark image's counts may be off the black level: of that, and counts
 WIDE, FILLED = 3.0, 0.75  # microlenses across a spot of saturated pixels, and their share: particles in focus fill one
+MOST_FULL = 0.2  # of the pixels: a frame that has more is overexposed as a whole
 FULL = 0.97  # of the highest count: after a dark image is taken off, saturated pixels differ
 BLOCK_PITCHES = 8  # side of a block whose darkest pixels are looked at ...
 DARKEST = 2.0  # ... per cent: particles leave these dark
@@ -110,9 +111,10 @@ def spot(a: NDArray, b: NDArray, sensor: Sensor, pitch_px: float, particle: floa
 
     top = min(float(a.max()), float(b.max()))
     if top - sensor.black_level > 0.5 * (sensor.full_scale - sensor.black_level):
-        full = uniform_filter((np.minimum(a, b) >= FULL * top).astype(np.float32), round(WIDE * pitch_px))
-        if full.max() > FILLED:
-            row, column = (int(k) for k in np.unravel_index(np.argmax(full), full.shape))
+        full = np.minimum(a, b) >= FULL * top
+        around = uniform_filter(full.astype(np.float32), round(WIDE * pitch_px))
+        if around.max() > FILLED and np.mean(a >= FULL * top) < MOST_FULL:
+            row, column = (int(k) for k in np.unravel_index(np.argmax(around), around.shape))
             words = f"static light: a spot of saturated pixels, {WIDE:.0f} microlenses wide or more, is in both frames"
             words += f" at (column, row) = ({column}, {row}): a reflection?"
             return Finding("static-light", "warning", words, top, "counts", MASK)
