@@ -7,7 +7,7 @@ import numba
 import numpy as np
 import pytest
 
-from plenopiv.displacement import multigrid, window_pass
+from plenopiv.displacement import multigrid, validation, window_pass
 from plenopiv.displacement.multigrid import correlation_pass, measure
 from plenopiv.displacement.predictor import fit_spline
 from plenopiv.displacement.settings import CorrelationSettings
@@ -321,7 +321,7 @@ def test_without_a_valid_vector_all_are_the_median_of_those_measured():
     found[0, 0, 0] = False
     result = window_pass.PassResult(displacement, found, np.ones((2, 2, 2), np.float32))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(multigrid, "find_outliers", lambda d, measured, *_: measured)
+        patch.setattr(validation, "find_outliers", lambda d, measured, *_: measured)
         valid, replaced = multigrid._validated(result, CUBES)
     assert not valid.any()
     expected = np.median(displacement.reshape(3, 8)[:, 1:], axis=1)
