@@ -17,6 +17,7 @@ from plenopiv.sensor import Sensor
 
 CLIPPED_SHARE = 1e-4  # of a frame's pixels at the highest count, from which a recording is warned about
 HOT_SHARE = 0.01  # below which pixels at the highest count may be hot ones
+HOT = "name a dark image (recording.dark): most of them are alone, as hot pixels are"
 CLIPPED_BADLY = 0.2  # up to a tenth is measured as well as if it were not (docs/uncertainty.md), with a third RMS grows
 FAINTEST = 4.0  # of its noise that a particle in focus gives a pixel; 80 electrons at read noise 5 are 8
 STRAY = 0.25  # background over what a particle in focus gives a pixel
@@ -159,8 +160,8 @@ def clipping(counts: NDArray, sensor: Sensor, name: str) -> Finding:
             f"{name} is overexposed: {100 * share:.2g} % of the pixels are at {where}",
             100 * share,
             "%",
-            "name a dark image (recording.dark): most of them are alone, as hot pixels are"
-            if share < HOT_SHARE and alone(full) > 0.5
+            HOT
+            if are_hot(full)
             else "less light, a shorter pulse, or a lower gain: what is cut off is missing from the particles",
         )
     used = float(np.percentile(counts, 99.9) - sensor.black_level) / (sensor.full_scale - sensor.black_level)
@@ -168,14 +169,17 @@ def clipping(counts: NDArray, sensor: Sensor, name: str) -> Finding:
     return Finding("range", "good", words, 100 * used, "%")
 
 
-def alone(full: NDArray[np.bool_]) -> float:
-    """Share of the pixels that are ``full`` (rows, columns) without one beside them. Light fills several."""
+def are_hot(full: NDArray[np.bool_]) -> bool:
+    """Whether pixels that are ``full`` (rows, columns) are few, and most of them without one beside them: light fills
+    several."""
+    if not 0 < np.mean(full) < HOT_SHARE:
+        return False
     beside = np.zeros_like(full)
     beside[1:] |= full[:-1]
     beside[:-1] |= full[1:]
     beside[:, 1:] |= full[:, :-1]
     beside[:, :-1] |= full[:, 1:]
-    return float(np.mean(~beside[full]))
+    return bool(np.mean(~beside[full]) > 0.5)
 
 
 def seeding(found: Light, camera: PlenopticCamera, depth_mm: float, window_mm: tuple[float, float, float]) -> Finding:

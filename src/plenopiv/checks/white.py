@@ -12,7 +12,7 @@ from plenopiv.calibration import LatticeFit, find_lattice
 from plenopiv.calibration.aperture import aperture_disc
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.checks.findings import Finding
-from plenopiv.checks.light import HOT_SHARE, alone
+from plenopiv.checks.light import HOT, are_hot
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 from plenopiv.recording.formats import split
 from plenopiv.sensor import Sensor
@@ -112,14 +112,13 @@ def _f_numbers(white: NDArray, camera: PlenopticCamera, name: str, is_stated: bo
 def _light(white: NDArray, camera: PlenopticCamera, name: str, largest: float) -> list[Finding]:
     """``largest``: count of all images."""
     sensor = camera.sensor
-    saturated = float(np.mean(white >= sensor.full_scale))
+    full = white >= sensor.full_scale
+    saturated = float(np.mean(full))
     level = float(np.percentile(white, 75) - sensor.black_level) / (sensor.full_scale - sensor.black_level)
     words = f"lit pixels of {name} reach {100 * level:.0f} % of the sensor's range"
     if saturated > SATURATED:
         words = f"{name} is overexposed: {100 * saturated:.2g} % of the pixels are saturated"
-        advice = "record it with less light: micro-images lose their rims"
-        if saturated < HOT_SHARE and alone(white >= sensor.full_scale) > 0.5:
-            advice = "name a dark image (recording.dark): most of them are alone, as hot pixels are"
+        advice = HOT if are_hot(full) else "record it with less light: micro-images lose their rims"
         return [Finding("white-overexposed", "warning", words, 100 * saturated, "%", advice)]
     if level < DARK:
         advice = "record it with more light, or average several images: the lattice is found from it"
