@@ -48,6 +48,7 @@ DECISIONS = {
     "links": 82,
     "smoothing": 91,
     "fields": 93,
+    "bars of fields": 97,
     "statistics": 89,
     "device": 60,
 }

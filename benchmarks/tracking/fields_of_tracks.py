@@ -152,8 +152,7 @@ def _scored(
     chosen &= (np.abs(at[:, :2]) + half[:2] <= seen).all(1) & np.isfinite(values).all(1)
     true = true_displacements(at[chosen], *truth, half)
     window = values[chosen] if tracks is None else linear_fits(tracks, at[chosen], half) / voxel
-    moved = advect(velocity, at[chosen], 0.5 * DT_S) - advect(velocity, at[chosen], -0.5 * DT_S)
-    off = {"window": window - true.window / voxel, "point": values[chosen] - moved / voxel}
+    off = {"window": window - true.window / voxel, "point": values[chosen] - symmetric(velocity, at[chosen]) / voxel}
     beyond = np.abs(at[chosen, 2]) > _zone_mm(condition)
     error, bar = np.abs(off["window" if tracks is None else "point"]), std[chosen]
     known = np.isfinite(error).all(1)
@@ -163,6 +162,17 @@ def _scored(
         **{f"{name}_beyond": np.sqrt(np.nanmean(e[beyond] ** 2, 0)).round(4).tolist() for name, e in off.items()},
         **{f"inside_{n}_std": (error <= n * bar)[known].mean(0).round(3).tolist() for n in (1, 2)},
     }
+
+
+def symmetric(velocity: Velocity, at_mm: Array) -> Array:
+    """Displacements (n, 3) in mm of the particles that are as far before ``at_mm`` in the first frame as beyond it in
+    the second: where a pair has its vectors. In a rotation these are longer than of particles there at mid-time, by a
+    part in ten thousand at a thirtieth of a radian."""
+    start = np.array(at_mm)
+    for _ in range(6):
+        before, after = (advect(velocity, start, sign * 0.5 * DT_S) for sign in (-1, 1))
+        start += at_mm - 0.5 * (before + after)
+    return advect(velocity, start, 0.5 * DT_S) - advect(velocity, start, -0.5 * DT_S)
 
 
 def linear_fits(tracks: xarray.Dataset, at_mm: Array, half_mm: Array) -> Array:

@@ -173,6 +173,30 @@ def test_error_bars_know_what_nodes_do_not_resolve():
     assert (off < 2 * scatter[:, 2])[bends].mean() < (off < 2 * bars[:, 2])[bends].mean()
 
 
+def test_error_bars_cover_what_chance_adds():
+    """Flow that splines follow, tracks of unequal errors: here and there noise passes for flow finer than nodes."""
+    off, bars, added = [], [], []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        position, places = rng.uniform(-1.0, 1.0, (900, 3)), rng.uniform(-0.9, 0.9, (600, 3))
+        std = 0.01 * np.exp(0.8 * rng.standard_normal((900, 1))) * np.ones(3)
+
+        def flow(at):
+            return np.stack([0.2 * at[:, 1], -0.3 * at[:, 0], 0.1 * np.ones(len(at))], -1)
+
+        velocity = flow(position) + std * rng.standard_normal(position.shape)
+        field = field_from_tracks(position, velocity, std, ((-1.0, 1.0),) * 3, 0.33)
+        found, bar = field.velocity(places)
+        off.append(np.abs(found - flow(places)))
+        bars.append(bar)
+        added.append(field.remainder.at(places)[0] != 0.0)
+    off, bars, added = (np.concatenate(each) for each in (off, bars, added))
+    assert 0.05 < added.mean() < 0.3
+    assert (off < 2 * bars)[added].mean() > 0.93
+    assert 0.62 < (off < bars).mean() < 0.78
+    assert (off < 2 * bars).mean() > 0.93
+
+
 def strip(width, seed):
     """Tracks in one corner, uniform flow."""
     rng = np.random.default_rng(seed)

@@ -5,6 +5,7 @@ import pytest
 
 from plenopiv.tracking.remainder import LENGTH, SURE, Remainder
 from plenopiv.tracking.splines import RIDGE, Equations, values_at
+from plenopiv.tracking.unresolved import Unresolved
 
 NODES, STEP, LOW = (5, 6, 4), 0.5, np.array([-1.0, 0.0, 2.0])
 
@@ -48,12 +49,13 @@ def test_the_remainder_is_simple_kriging(rng):
     place, noise = rng.uniform(0.0, 1.0, (30, 3)), np.full((30, 3), 0.01)
     left = np.stack([np.sin(6 * place[:, 0]), 0.001 * rng.standard_normal(30), 0.1 * rng.standard_normal(30)], 1)
     points = rng.uniform(0.2, 0.8, (20, 3))
-    found, unknown = Remainder(place, left, noise, 0.3).at(points)
+    found, spread, unknown = Remainder(place, left, noise, 0.3).at(points)
     beyond = left**2 - noise
     mean, own = beyond.mean(), beyond.mean(0)
     by_chance = SURE * 0.01 * np.sqrt(2 / 90), SURE * 0.01 * np.sqrt(2 / 30)  # of noise^2 without anything beyond
     variance = np.maximum(np.maximum(mean - by_chance[0], own - by_chance[1]), 0.0)
     assert variance.min() > 0.0
+    assert spread == pytest.approx(np.broadcast_to(variance, spread.shape))
 
     def covariance(a, b):
         apart = np.linalg.norm(a[:, None] - b, axis=-1) / (LENGTH * 0.3)
@@ -68,9 +70,10 @@ def test_the_remainder_is_simple_kriging(rng):
 
 def test_noise_alone_leaves_next_to_nothing(rng):
     place, noise = rng.uniform(0.0, 1.0, (3000, 3)), np.full((3000, 3), 0.04)
-    found, unknown = Remainder(place, 0.2 * rng.standard_normal((3000, 3)), noise, 0.07).at(place[:500])
+    found, spread, unknown = Remainder(place, 0.2 * rng.standard_normal((3000, 3)), noise, 0.07).at(place[:500])
     assert np.sqrt((found**2).mean()) < 0.05
     assert unknown.mean() > 0.9
+    assert (spread > 0.0).mean() < 0.2
 
 
 def test_a_track_that_is_wrong_beside_its_neighbours_is_not_followed():
@@ -84,6 +87,19 @@ def test_a_track_that_is_wrong_beside_its_neighbours_is_not_followed():
     points = rng.uniform(0.1, 0.9, (400, 3))
     assert np.sqrt(np.mean(Remainder(place, left, noise, 0.08).at(points)[0] ** 2)) < 0.006
     wave = 0.2 * np.sin(2 * np.pi * place[:, :1] / 0.5)  # but where all depart, they are followed
-    found, _ = Remainder(place, left + wave, noise, 0.08).at(points)
+    found, *_ = Remainder(place, left + wave, noise, 0.08).at(points)
     off = found - 0.2 * np.sin(2 * np.pi * points[:, :1] / 0.5)
     assert np.sqrt(np.median(off**2)) < 0.05
+
+
+def test_what_is_not_resolved_is_what_is_believed_as_far_as_tracks_held_out_allow(rng):
+    """Their squares are 1.5 beyond errors of variance 1, and half of the variance is untold."""
+    place = rng.uniform(0.0, 1.0, (32, 3))
+    explained, untold = np.ones((32, 3)), np.full((32, 3), 0.5)
+    of_all = Unresolved(place, 2.5 * np.ones((32, 3)), explained, untold)
+    chance = SURE * np.sqrt(2 / 96), SURE * np.sqrt(2 / 32)  # of the three components together, and of one
+    least, most = 2 * (1.5 - chance[0]), 2 * (1.5 + chance[1])
+    for believed, found in ((0.0, least), (3.0, 3.0), (9.0, most)):
+        assert of_all.at(place[:1], believed) == pytest.approx(np.full((1, 3), found))
+    none = Unresolved(place, 0.2 * np.ones((32, 3)), explained, untold)
+    assert (none.at(place[:1], 9.0) == 0.0).all()

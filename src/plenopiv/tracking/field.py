@@ -10,7 +10,8 @@ the tracks nearby by. Without f tracks that are known well would be believed to 
 all others: near focus, where few are. The smoothing is a little less than the one that tells a fifth of the tracks best
 from the others (cross-validation, Wahba 1990, Spline Models for Observational Data). What splines leave beyond errors
 is added, interpolated between tracks (``remainder``). Error bars are the scatter of fits to data that carry errors
-again, and what is not resolved (``unresolved``). ``parts`` takes larger volumes.
+again, and what is not resolved (``unresolved``), or what the remainder's variance leaves untold where that is more.
+``parts`` takes larger volumes.
 """
 
 from __future__ import annotations
@@ -70,8 +71,9 @@ class TrackField:
         points = np.asarray(points_mm, np.float64)
         basis = self._basis(points)
         values = np.stack([basis @ each.T for each in self.coefficients])
-        left, untold = self.remainder.at(points)
-        return values[0] + left, np.sqrt(values[1:].var(0) + untold * self.unresolved.at(points))
+        left, variance, untold = self.remainder.at(points)
+        finer = self.unresolved.at(points, variance)  # what chance adds is an error, too
+        return values[0] + left, np.sqrt(values[1:].var(0, ddof=1) + untold * finer)
 
     def gradient(self, points_mm: ArrayLike) -> Array:
         """du_i/dx_j (n, 3, 3) in 1/s of the splines at points (n, 3) in mm, without what is added to them."""
@@ -164,10 +166,10 @@ def field_from_tracks(
     off, untold, any_held = np.empty_like(std), np.empty_like(std), np.zeros(len(std), bool)
     for held, equations in _folds(values, whole, *form, TURNS):
         fitted = fit.nearby(equations, velocity, smoothing)
-        added, untold[held] = remainder(fitted, ~held).at(position[held])
+        added, _, untold[held] = remainder(fitted, ~held).at(position[held])
         off[held] = values[held] @ fitted.T + added - velocity[held]
         any_held |= held
-    explained = std[any_held] ** 2 + np.stack([values[any_held] @ each.T for each in found[1:]]).var(0)
+    explained = std[any_held] ** 2 + np.stack([values[any_held] @ each.T for each in found[1:]]).var(0, ddof=1)
     left_over = Unresolved(position[any_held], off[any_held] ** 2, explained, untold[any_held])
     of_all = remainder(found[0], np.ones(len(std), bool))
     inside[inside] = used

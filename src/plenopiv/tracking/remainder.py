@@ -38,14 +38,14 @@ class Remainder:
     noise: Array
     spacing_mm: float
 
-    def at(self, points_mm: Array) -> tuple[Array, Array]:
-        """The remainder (m, 3) in m/s at points (m, 3) in mm, and the share (m, 3) of its variance that tracks do not
-        tell of."""
+    def at(self, points_mm: Array) -> tuple[Array, Array, Array]:
+        """The remainder (m, 3) in m/s at points (m, 3) in mm, its variance (m, 3) in (m/s)^2, and the share (m, 3) of
+        it that tracks do not tell of."""
         parts = [self._at(points_mm[n : n + AT_A_TIME]) for n in range(0, len(points_mm), AT_A_TIME)]
         if not parts:
-            return np.zeros((0, 3)), np.ones((0, 3))
-        values, unknown = (np.concatenate(each) for each in zip(*parts, strict=True))
-        return values, unknown
+            return np.zeros((0, 3)), np.zeros((0, 3)), np.ones((0, 3))
+        values, variance, unknown = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return values, variance, unknown
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -62,7 +62,7 @@ class Remainder:
         usual = np.maximum(np.median(square[near], 1) / MEDIAN_SQUARE, 1.0)
         return np.asarray(self.noise * np.maximum(square / (OUTLYING**2 * usual), 1.0))
 
-    def _at(self, points: Array) -> tuple[Array, Array]:
+    def _at(self, points: Array) -> tuple[Array, Array, Array]:
         far, near = self._tree.query(points, min(NEARBY, len(self.left)))
         values, unknown = np.zeros((len(points), 3)), np.ones((len(points), 3))
         noise = self._believed
@@ -79,17 +79,17 @@ class Remainder:
             weights = np.linalg.solve(form, here[rows][:, :, None])[:, :, 0]
             values[which, axis] = (weights * self.left[own, axis]).sum(1)
             unknown[which, axis] = np.clip(1.0 - (weights * here[rows]).sum(1), 0.0, 1.0)
-        return values, unknown
+        return values, variance, unknown
 
 
-def beyond_errors(beyond: Array, known: Array) -> Array:
+def beyond_errors(beyond: Array, known: Array, sure: float = SURE) -> Array:
     """Variance (m, 3) that errors do not explain: the mean of ``beyond`` (m, k, 3) over k tracks nearby, of a component
-    by itself or of all three, whichever is more, less SURE times the standard error that it has where errors are all,
-    so that noise alone adds little; at least 0. ``known`` (m, k, 3): weights, two over the variance of ``beyond``
+    by itself or of all three, whichever is more, less ``sure`` times the standard error that it has where errors are
+    all, so that noise alone adds little; at least 0. ``known`` (m, k, 3): weights, two over the variance of ``beyond``
     there."""
     whole, own = known.sum((1, 2))[:, None], known.sum(1)
-    of_all = (known * beyond).sum((1, 2))[:, None] / whole - SURE * np.sqrt(2.0 / whole)
-    of_own = (known * beyond).sum(1) / own - SURE * np.sqrt(2.0 / own)
+    of_all = (known * beyond).sum((1, 2))[:, None] / whole - sure * np.sqrt(2.0 / whole)
+    of_own = (known * beyond).sum(1) / own - sure * np.sqrt(2.0 / own)
     return np.asarray(np.maximum(np.maximum(of_all, of_own), 0.0))
 
 

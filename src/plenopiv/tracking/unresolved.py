@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from plenopiv.tracking.remainder import beyond_errors
+from plenopiv.tracking.remainder import SURE, beyond_errors
 
 NEARBY = 32  # tracks held out, at a point
 
@@ -26,8 +26,10 @@ class Unresolved:
     explained: Array
     untold: Array
 
-    def at(self, points_mm: Array) -> Array:
-        """Variance (m, 3) in (m/s)^2 of flow that is not resolved at points (m, 3) in mm, if no track told of it."""
+    def at(self, points_mm: Array, believed: ArrayLike = 0.0) -> Array:
+        """Variance (m, 3) in (m/s)^2 of flow that is not resolved at points (m, 3) in mm, if no track told of it:
+        ``believed``, where that is neither less nor more than tracks held out allow."""
         near = cKDTree(self.position_mm).query(points_mm, min(NEARBY, len(self.position_mm)))[1]
-        beyond = beyond_errors((self.square - self.explained)[near], 1.0 / self.explained[near] ** 2)
-        return np.asarray(beyond / self.untold[near].mean(1))
+        beyond, known = (self.square - self.explained)[near], 1.0 / self.explained[near] ** 2
+        least, most = (beyond_errors(beyond, known, sure) / self.untold[near].mean(1) for sure in (SURE, -SURE))
+        return np.asarray(np.clip(believed, least, most))
