@@ -11,6 +11,7 @@ import plenopiv
 from plenopiv.cli import main
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io import netcdf
+from plenopiv.recording.recording import NUMBERED
 from plenopiv.report.comparison import slices_figure, write_comparison
 
 TIMES = (0.00025, 0.00075, 0.00125)
@@ -118,6 +119,7 @@ def test_pairs_are_matched_by_time(tmp_path):
     assert found.times == (2, 1, 1)
     assert found.row("w").m_s.largest < 1e-4  # w rises by 5 m/s from one time to the next
     assert found.shown.time_s == pytest.approx(0.00075)
+    assert found.shown.when == "time 0.00075 s"
 
 
 def test_phases_are_matched_by_phase_and_equal_times_each_once(tmp_path):
@@ -143,6 +145,25 @@ def test_a_time_set_aside_counts_as_nothing_measured(tmp_path):
     assert found.both == 2 * 6 * 5 * 7
     assert found.replaced == (0, 0)
     assert found.shown.time_s == TIMES[1]
+
+
+def test_times_that_only_number_pairs_are_no_seconds(tmp_path):
+    a = regular(TIMES)
+    a["time"].attrs["long_name"] = f"{NUMBERED}; the time between pairs is not known"
+    found = plenopiv.compare(results(tmp_path / "a", a), results(tmp_path / "b", a))
+    assert found.shown.when == "pair 1"
+
+
+@pytest.mark.parametrize("frame", ["camera", "laboratory"])
+def test_the_page_says_whose_axes_they_are(tmp_path, frame):
+    a, b = regular(), regular()
+    a.attrs["frame"] = frame
+    b.attrs.pop("frame", None)
+    found = plenopiv.compare(results(tmp_path / "a", a), results(tmp_path / "b", b))
+    write_comparison(tmp_path / "page.html", found)
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert ("x, y, z of the laboratory" in page) == (frame == "laboratory")
+    assert ("z = 0 the focal plane" in page) == (frame == "camera")
 
 
 def test_settings_that_differ(tmp_path):

@@ -110,7 +110,7 @@ def test_facts_of_the_run_stand_at_the_top(tmp_path, monkeypatch):
         dataset[f"{name}_std"].values[:] = 0.0123
     text = write(tmp_path / "report.html", example(), dataset, date="2026-01-02 03:04 UTC")
     head = Parsed(text[text.index("<header>") : text.index("</header>")] + "</header>").text
-    assert "experiment.toml · measured 2026-01-02 03:04 UTC" in head
+    assert "experiment.toml · evaluated 2026-01-02 03:04 UTC" in head
     # 0.3 m/s in 0.5 ms are 0.15 mm, of voxels of 0.0171 and 0.077 mm
     for said in ("−5.83 to 8.75", "1.46 to 1.46", "−6.49 to 0", "−0.2 to 0.3", "0.012"):
         assert said in head, said

@@ -36,9 +36,10 @@ class Setting:
 @dataclass(frozen=True)
 class Shown:
     """Both fields at the first time at which both measured: A's vectors where B has some, and B read there.
-    ``axes_mm``: x, y, z."""
+    ``when``: which time that is; ``axes_mm``: x, y, z."""
 
     time_s: float
+    when: str
     axes_mm: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
     a: Field
     b: Field
@@ -52,7 +53,8 @@ class Comparison:
     whether B was read linearly between its vectors. Of A's ``vectors`` at these times, ``within`` lie within B's,
     ``both`` of these were measured in both, ``replaced`` in A and in B (where one that B is read from was).
     ``settings``: keys that differ, None where one result has no experiment file. ``histograms``: numbers of
-    differences (3, bins) of u, v, w between ``edges``, in standard deviations of the difference.
+    differences (3, bins) of u, v, w between ``edges``, in standard deviations of the difference. ``laboratory``: whose
+    x, y, z they are, else the camera's.
     """
 
     a: Path
@@ -68,6 +70,7 @@ class Comparison:
     histograms: NDArray[np.int64]
     edges: NDArray[np.float64]
     shown: Shown | None
+    laboratory: bool = False
 
     def __repr__(self) -> str:
         return f"<Comparison of {self.a} and {self.b}: {self.both} of {self.vectors} vectors measured in both>"

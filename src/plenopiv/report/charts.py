@@ -49,8 +49,9 @@ def residual_figure(residuals: Mapping[str, Sequence[float]]) -> Figure:
 
 
 @rc_context(STYLE)
-def series_figure(series: Mapping[str, Sequence[float]]) -> Figure:
-    """Vectors replaced, ratio of peaks and largest velocity of each pair over its time (``run.written.series_of``)."""
+def series_figure(series: Mapping[str, Sequence[float]], numbered: bool = False) -> Figure:
+    """Vectors replaced, ratio of peaks and largest velocity of each pair over its time (``run.written.series_of``), or
+    its number, where times are ``numbered``: those of a double-frame camera's pairs are not known."""
     figure = Figure(figsize=(12.5, 3.2), layout="constrained")
     shown = (
         (100 * np.asarray(series["replaced_share"], float), "vectors replaced (%)"),
@@ -58,8 +59,11 @@ def series_figure(series: Mapping[str, Sequence[float]]) -> Figure:
         (series["largest_velocity_m_s"], "largest velocity (m/s)"),
     )
     for axes, (values, words) in zip(figure.subplots(1, len(shown)), shown, strict=True):
-        axes.plot(series["time_s"], values, ".-", color=BLUE, linewidth=0.8, markersize=4)
-        axes.set(xlabel="time (s)", ylabel=words)
+        at = np.arange(1, len(series["time_s"]) + 1) if numbered else series["time_s"]
+        axes.plot(at, values, ".-", color=BLUE, linewidth=0.8, markersize=4)
+        axes.set(xlabel="pair" if numbered else "time (s)", ylabel=words)
+        if numbered:
+            axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_ylim(bottom=0)
         _open(axes)
     return figure
@@ -67,16 +71,23 @@ def series_figure(series: Mapping[str, Sequence[float]]) -> Figure:
 
 @rc_context(STYLE)
 def validation_figure(dataset: xarray.Dataset) -> Figure:
-    """Where vectors were replaced, seen along z and along y, and by depth; and how clear the peaks were by depth."""
-    gone = replaced(dataset).transpose("time", "z", "y", "x").values
+    """Where vectors were replaced, seen along z and along y, and by depth, of those outside a body; and how clear the
+    peaks were by depth."""
+    gone, known = (each.transpose("time", "z", "y", "x").values for each in (replaced(dataset), dataset["u"].notnull()))
     x, y, z = (dataset[axis].values for axis in "xyz")
     figure = Figure(figsize=(12.5, 3.8), layout=ConstrainedLayoutEngine(wspace=0.08))
     front, above, depth = figure.subplots(1, 3)
-    share = 100 * gone.mean(0)
-    top = max(float(max(share.mean(0).max(), share.mean(1).max())), 1.0)
+
+    def share(*axes: int) -> NDArray[np.float64]:
+        """In %, summed along some of time, z, y, x; NaN where none is left."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(100.0 * gone.sum(axes) / known.sum(axes))
+
+    images, by_depth = (share(0, 1), share(0, 2)), share(0, 2, 3)
+    top = max(1.0, *(float(image.max(where=np.isfinite(image), initial=0.0)) for image in images))
     for axes, image, (h, v), labels, along in (
-        (front, share.mean(0), (x, y), ("x (mm)", "y (mm)"), "z"),
-        (above, share.mean(1), (x, z), ("x (mm)", "z (mm)"), "y"),
+        (front, images[0], (x, y), ("x (mm)", "y (mm)"), "z"),
+        (above, images[1], (x, z), ("x (mm)", "z (mm)"), "y"),
     ):
         extent = (*faces(h), *faces(v))
         picture = axes.imshow(
@@ -84,10 +95,10 @@ def validation_figure(dataset: xarray.Dataset) -> Figure:
         )
         axes.set(title=f"replaced, mean along {along}", xlabel=labels[0], ylabel=labels[1])
         bar(picture, axes, "replaced (%)")
-    depth.plot(z, share.mean((1, 2)), "o-", markersize=3, color=ORANGE)
+    depth.plot(z, by_depth, "o-", markersize=3, color=ORANGE)
     depth.set(title="by depth", xlabel=_depth_of(dataset))
     depth.set_ylabel("replaced (%)", color=ORANGE)
-    depth.set_ylim(0, max(1.0, 1.1 * float(share.mean((1, 2)).max())))
+    depth.set_ylim(0, max(1.0, 1.1 * float(by_depth.max(where=np.isfinite(by_depth), initial=0.0))))
     if "peak_ratio" in dataset:
         ratio = depth.twinx()
         ratio.plot(z, _median_by_depth(dataset["peak_ratio"]), "s-", markersize=3, color=BLUE)
@@ -123,18 +134,18 @@ def uncertainty_figure(dataset: xarray.Dataset) -> Figure:
 
 
 @rc_context(STYLE)
-def accuracy_figure(profile: DepthProfile) -> Figure:
-    """RMS error and bias along x, y, z by depth."""
+def accuracy_figure(profile: DepthProfile, dataset: xarray.Dataset) -> Figure:
+    """RMS error and bias of a field along x, y, z by depth."""
     figure = Figure(figsize=(12.5, 3.3), layout="constrained")
     rms, bias = figure.subplots(1, 2)
     for k, (name, colour) in enumerate(COLOURS.items()):
         label = f"along {AXES[name]}"
         rms.plot(profile.z_mm, profile.rms[k], "o-", markersize=3, color=colour, label=label)
         bias.plot(profile.z_mm, profile.bias[k], "o-", markersize=3, color=colour, label=label)
-    rms.set(title="RMS error by depth", xlabel=DEPTH, ylabel="voxels per frame")
+    rms.set(title="RMS error by depth", xlabel=_depth_of(dataset), ylabel="voxels per frame")
     rms.set_ylim(bottom=0)
     bias.axhline(0, color="#8794a1", linewidth=0.8, linestyle=":")
-    bias.set(title="mean error by depth", xlabel=DEPTH, ylabel="voxels per frame")
+    bias.set(title="mean error by depth", xlabel=_depth_of(dataset), ylabel="voxels per frame")
     for axes in (rms, bias):
         _open(axes)
         low, high = axes.get_ylim()

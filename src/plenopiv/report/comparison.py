@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from plenopiv.comparison import Comparison, Row, Shown
 from plenopiv.io.aside import written_aside
-from plenopiv.report.document import as_text, page, picture, plain, section
+from plenopiv.report.document import as_text, page, picture, place_mm, plain, section
 from plenopiv.report.figures import COLOURS, INK, SLICES, STYLE, bar, faces, png
 
 LONGEST = 200  # letters of a setting
@@ -38,7 +38,7 @@ def write_comparison(path: str | Path, found: Comparison) -> None:
     names = f"<p>A: {plain(found.a)}</p><p>B: {plain(found.b)}</p>"
     body = f"<header><h1>Two results side by side</h1>{names}</header>" + "\n".join(parts)
     with written_aside(path) as aside:
-        aside.write_text(page("PlenoPIV: two results side by side", body), encoding="utf-8")
+        aside.write_text(page("PlenoPIV: two results side by side", body, found.laboratory), encoding="utf-8")
 
 
 def what_was_compared(found: Comparison) -> list[str]:
@@ -99,7 +99,7 @@ def slices_figure(shown: Shown, across: str) -> Figure:
             for axes, title in zip(row, ("A", "B", "B - A"), strict=True):
                 axes.set_title(title, loc="left")
     middle = axes_mm[normal][axes_mm[normal].size // 2]
-    figure.suptitle(f"{across} at {normal} = {middle:.2f} mm, time {shown.time_s:.6g} s")
+    figure.suptitle(f"{across} at {normal} = {place_mm(middle, axes_mm[normal])} mm, {shown.when}")
     return figure
 
 

@@ -17,6 +17,7 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 SHARPER = 1.75  # pixels of a panel in a pixel of the page
 SCRIPTS = (
@@ -141,6 +142,13 @@ def bars(rows: Sequence[tuple[str, float, str]]) -> str:
         for name, value, text in rows
     )
     return f'<div class="wide"><table><tbody>{body}</tbody></table></div>'
+
+
+def place_mm(value: float, places_mm: NDArray[np.floating]) -> str:
+    """A position in mm, to a tenth of the distance between evenly spaced ``places_mm`` if that is below .1 mm."""
+    apart = abs(float(places_mm[1]) - float(places_mm[0])) if len(places_mm) > 1 else 0.0
+    digits = max(2, 1 - int(np.floor(np.log10(apart)))) if apart > 0 else 2
+    return f"{value:.{digits}f}"
 
 
 def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -10,8 +10,8 @@ import numpy as np
 from plenopiv.displacement.resolution import effective_window
 from plenopiv.experiment import Experiment
 from plenopiv.report.document import plain
-from plenopiv.report.moments import what_of
-from plenopiv.velocity import replaced_share
+from plenopiv.report.moments import named, what_of
+from plenopiv.velocity import replaced_share, vectors_inside_body
 
 if TYPE_CHECKING:
     import xarray
@@ -21,17 +21,23 @@ HEAD = ("along", "displacement, voxels", "velocity, m/s", "median error bar, m/s
 
 
 def facts(
-    title: str, experiment: Experiment, dataset: xarray.Dataset, summary: Mapping[str, Any], pairs: int, date: str
+    title: str,
+    experiment: Experiment,
+    dataset: xarray.Dataset,
+    summary: Mapping[str, Any],
+    pairs: int,
+    number: int,
+    date: str,
 ) -> str:
-    """The head of the page. ``dataset``: the velocity field that it shows, the first of ``pairs`` or
-    phases; ``date``: when it was measured, "" where that is not said."""
+    """The head of the page. ``dataset``: the velocity field that it shows, that of ``number`` (from 0) of ``pairs`` or
+    phases; ``date``: when it was evaluated, "" where that is not said."""
     told = [f"{experiment.folder.resolve().name}/{experiment.path.name}"]
-    told += [f"measured {date}"] if date else []
+    told += [f"evaluated {date}"] if date else []
     told += [f"PlenoPIV {summary['plenopiv']}"] if "plenopiv" in summary else []
     run = f'<p class="run">{plain(" · ".join(told))}</p>'
     numbers = _numbers(experiment, dataset, summary, pairs)
     items = "".join(f"<div><dt>{plain(label)}</dt><dd>{plain(value)}</dd></div>" for value, label in numbers)
-    return f"<header><h1>{plain(title)}</h1>{run}<dl>{items}</dl>{_ranges(experiment, dataset, pairs)}</header>"
+    return f"<header><h1>{plain(title)}</h1>{run}<dl>{items}</dl>{_ranges(experiment, dataset, pairs, number)}</header>"
 
 
 def _numbers(
@@ -40,6 +46,7 @@ def _numbers(
     """(value, what it is)."""
     sizes, timings = dataset.sizes, summary.get("timings_s", {})
     valid = 1 - summary.get("replaced_share", replaced_share(dataset))
+    solid = summary.get("vectors_inside_body", vectors_inside_body(dataset))
     axes = ("x", "y", "z")
     spacing = [float(np.diff(dataset[axis].values[:2])[0]) if sizes[axis] > 1 else None for axis in axes]
     voxel_mm = experiment.volume.voxel_mm
@@ -50,10 +57,10 @@ def _numbers(
     numbers = [
         (f"{summary.get('vectors', dataset['valid'].size):,}", "vectors"),
         *_counts(dataset, summary, pairs),
-        (f"{100 * valid:.1f} %", "measured, not replaced"),
+        (f"{100 * valid:.1f} %", "measured, not replaced" + (", outside the body" if solid else "")),
         (_times(windows, "d") + " voxels", f"last window: {_times(window_mm, '.3g')} mm"),
         (_times(resolved, ".0f") + " voxels", "box whose mean resolves the same"),
-        (_times(spacing, ".2f") + " mm", "vector spacing x, y, z"),
+        (_times(spacing, ".3g") + " mm", "vector spacing x, y, z"),
         (f"{experiment.grid().size / 1e6:.1f} million", "voxels"),
     ]
     told = summary.get("not_in_images", {})
@@ -77,7 +84,7 @@ def _counts(dataset: xarray.Dataset, summary: Mapping[str, Any], fields: int) ->
     return [(f"{count:,}", f"{name}{'s'[: count != 1]}") for count, name in counts]
 
 
-def _ranges(experiment: Experiment, dataset: xarray.Dataset, pairs: int) -> str:
+def _ranges(experiment: Experiment, dataset: xarray.Dataset, pairs: int, number: int) -> str:
     """Along each axis the displacements and velocities of the vectors that are shown, and their median error bar."""
     field = dataset.isel(time=0)
     dt_s = experiment.recording_table.dt_s
@@ -92,7 +99,7 @@ def _ranges(experiment: Experiment, dataset: xarray.Dataset, pairs: int) -> str:
         )
     head = "".join(f"<th>{plain(text)}</th>" for text in HEAD)
     body = "".join("<tr>" + "".join(f"<td>{plain(text)}</td>" for text in row) + "</tr>" for row in rows)
-    which = f", of the first of {pairs:,} {what_of(dataset)}s" if pairs > 1 else ""
+    which = f", of {named(dataset, number, pairs)}" if pairs > 1 else ""
     words = f"Lowest to highest of all vectors{which}; error bar: one standard deviation."
     return (
         f'<div class="wide"><table class="facts"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'

@@ -54,8 +54,9 @@ def field_data(dataset: xarray.Dataset, series: Series | None = None) -> dict[st
 
     ``series``: where the times are read from, else from ``dataset``, whose first time is of their grid.
 
-    ``axes`` in mm; ``moments``: times, of a series mean and RMS too, each with ``values``, packed (``_packed``), x
-    running fastest: u, v, w in m/s, their standard deviations, peak ratio, valid, and derivatives; ``quantities``:
+    ``axes`` in mm, of the ``laboratory`` or else the camera; ``moments``: times, of a series mean and RMS too, each
+    with ``values``, packed (``_packed``), x running fastest: u, v, w in m/s, their standard deviations, peak ratio,
+    valid, and derivatives; ``quantities``:
     label, unit, colours' limits by kind of moment; ``criteria`` which of these isosurfaces can enclose, with the
     range of levels, and ``start`` the one that is drawn at first, "" where the whole flow turns, as in a solid-body
     rotation: a surface would then wrap noise alone; ``longest`` speed, for arrows; ``step`` every how many vectors one
@@ -73,6 +74,7 @@ def field_data(dataset: xarray.Dataset, series: Series | None = None) -> dict[st
     limits = _limits(steady)
     return {
         "axes": axes,
+        "laboratory": dataset.attrs.get("frame") == "laboratory",
         "step": dict(zip("zyx", step, strict=True)),
         "moments": [_moment(moment, limits) for moment in shown],
         "first": next((k for k, values in enumerate(known) if np.isfinite(values["u"]).any()), 0),

@@ -23,6 +23,7 @@ from matplotlib.transforms import Bbox, BboxBase, ScaledTranslation, blended_tra
 from numpy.typing import NDArray
 
 from plenopiv.errors import printable
+from plenopiv.report.document import place_mm
 from plenopiv.report.limits import OF_SPEED, colour_limits
 from plenopiv.report.stacks import joined
 from plenopiv.report.views import Projections, RawCrop
@@ -213,7 +214,7 @@ def velocity_figure(dataset: xarray.Dataset) -> Figure:
             rows, columns = np.nonzero(crossed)
             axes.plot(h[columns], v[rows], "x", color=INK, markersize=3, alpha=0.6)
         position = float(shown[normal].values[middle])
-        axes.set_title(f"{name} at {normal} = {position:.2f} mm", loc="left", pad=TITLE)
+        axes.set_title(f"{name} at {normal} = {place_mm(position, shown[normal].values)} mm", loc="left", pad=TITLE)
         arrow_key(axes, extent[0], _round(longest) / scale, f"{_round(longest):g} m/s")
         axes.set(xlabel=f"{right} (mm)", ylabel=f"{up} (mm)")
         bar(picture, axes, f"{through} (m/s)")

@@ -13,6 +13,7 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from plenopiv.report.figures import STYLE, written
+from plenopiv.report.stacks import joined
 
 BRIGHTEST = 99.7  # percentile that is drawn white
 UNSEEN = "#2c4a63"  # where no microlens has a pixel of a view
@@ -76,10 +77,9 @@ def depth_strip(pictures: Sequence[Picture], z_mm: Sequence[float], x: Axis, y: 
 def _draw(axes: Axes, picture: Picture, x: Axis, y: Axis, top: float) -> AxesImage:
     """A picture whose rows fall with y, on axes in mm."""
     dx, dy = (abs(a[1] - a[0]) / 2 if a.size > 1 else 0.5 for a in (x, y))
-    step = max(1, -(-max(picture.shape) // LARGEST))
     extent = (x[0] - dx, x[-1] + dx, y[-1] - dy, y[0] + dy)
     axes.set_facecolor(UNSEEN)
-    return axes.imshow(picture[::step, ::step], cmap="gray", vmin=0.0, vmax=max(top, 1e-6), extent=extent)
+    return axes.imshow(joined(picture, LARGEST), cmap="gray", vmin=0.0, vmax=max(top, 1e-6), extent=extent)
 
 
 def _length(axis: Axis) -> float:

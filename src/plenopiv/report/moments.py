@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plenopiv.io.netcdf import loaded, opened_velocity
+from plenopiv.recording.recording import NUMBERED
 from plenopiv.velocity import q_criterion, velocity_gradient, vorticity
 
 if TYPE_CHECKING:
@@ -100,8 +101,22 @@ def what_of(field: xarray.Dataset) -> str:
     return "phase" if PHASE in field else "pair"
 
 
+def named(field: xarray.Dataset, number: int, count: int | None = None) -> str:
+    """What a field is of in words, from its ``number`` (from 0), of a ``count`` where that is told."""
+    what = what_of(field)
+    if number == 0:
+        return f"the first {what}" if count is None else f"the first of {count:,} {what}s"
+    return f"{what} {number + 1:,}" + ("" if count is None else f" of {count:,}")
+
+
+def are_numbered(field: xarray.Dataset) -> bool:
+    """Whether its times only number the pairs of a double-frame camera."""
+    return "time" in field.coords and str(field["time"].attrs.get("long_name", "")).startswith(NUMBERED)
+
+
 def _named(one: xarray.Dataset, number: int, count: int) -> str:
-    of_time = f", t = {float(one['time']):.6g} s" if "time" in one.coords else ""
+    known = "time" in one.coords and not are_numbered(one)
+    of_time = f", t = {float(one['time']):.6g} s" if known else ""
     if what_of(one) == "pair":
         return f"pair {number + 1} of {count}{of_time}"
     unit = one[PHASE].attrs.get("units", "1")

@@ -15,7 +15,7 @@ from plenopiv.report import charts, figures, viewers
 from plenopiv.report.document import bars, flat, page, pictures, plain, section, subheading, table
 from plenopiv.report.facts import facts
 from plenopiv.report.field import field_data
-from plenopiv.report.moments import Series, what_of
+from plenopiv.report.moments import Series, are_numbered, named, what_of
 from plenopiv.report.stacks import Stack
 from plenopiv.report.views import Projections, RawCrop
 from plenopiv.velocity import replaced_share, vectors_inside_body
@@ -44,6 +44,7 @@ def write_report(
     accuracy: Mapping[str, Any] | None = None,
     series: Mapping[str, Sequence[float]] | None = None,
     fields: Series | None = None,
+    number: int = 0,
     date: str = "",
     figures_folder: str | Path | None = None,
 ) -> None:
@@ -53,19 +54,19 @@ def write_report(
     (by stage) and ``versions`` have sections of their own, all else is tabled by dotted key. ``dataset`` is the
     velocity field, dims (time, z, y, x); of several times figures draw the first. ``series``: of several pairs, what
     is plotted over their time (``run.written.series_of``). ``fields``: of several pairs or phases all of them, for
-    the 3D scene and the slices, ``dataset`` then that of the first. ``date``: when it was measured. ``stacks`` are
-    pictures under sliders, named "volume", "views" and "refocus". ``accuracy`` is for recordings whose truth is
-    known: measure -> number or text, and under "by_depth" a ``DepthProfile``. ``figures_folder``: where figures go as
-    PNG and PDF too.
+    the 3D scene and the slices, ``dataset`` then that of ``number``, from 0. ``date``: when it was evaluated.
+    ``stacks`` are pictures under sliders, named "volume", "views" and "refocus". ``accuracy`` is for recordings whose
+    truth is known: measure -> number or text, and under "by_depth" a ``DepthProfile``. ``figures_folder``: where
+    figures go as PNG and PDF too.
     """
     drawn = _Figures(None if figures_folder is None else Path(figures_folder))
     leafed = {stack.name: stack for stack in stacks}
     pairs = len(series["time_s"]) if series else fields.count if fields else dataset.sizes["time"]
     parts = [
-        *_velocity(dataset, fields, pairs, drawn),
-        *_series(series or {}, drawn),
-        *_accuracy(accuracy or {}, drawn),
-        _validation(experiment, dataset, summary, pairs, drawn),
+        *_velocity(dataset, fields, pairs, number, drawn),
+        *_series(series or {}, are_numbered(dataset), drawn),
+        *_accuracy(accuracy or {}, dataset, drawn),
+        _validation(experiment, dataset, summary, pairs, number, drawn),
         _reconstruction(summary, views, leafed, drawn),
         _light_field(crops, leafed, drawn),
         _effort(summary),
@@ -73,7 +74,7 @@ def write_report(
         _configuration(experiment, summary),
     ]
     body = [
-        facts(title, experiment, dataset, summary, pairs, date),
+        facts(title, experiment, dataset, summary, pairs, number, date),
         _warnings(list(summary.get("warnings", []))),
         _contents(parts),
         *parts,
@@ -104,15 +105,16 @@ class _Figures:
         return pictures(drawn.panels, words, kind)
 
 
-def _series(series: Mapping[str, Sequence[float]], drawn: _Figures) -> list[str]:
+def _series(series: Mapping[str, Sequence[float]], numbered: bool, drawn: _Figures) -> list[str]:
     if len(series.get("time_s", ())) < 2:
         return []
-    words = "Each pair by its time. Where replaced vectors and peak ratio change, light, seeding or focus did."
-    figure = drawn("series", charts.series_figure(series), "each pair over time", "chart")
+    over = "number" if numbered else "time"
+    words = f"Each pair by its {over}. Where replaced vectors and peak ratio change, light, seeding or focus did."
+    figure = drawn("series", charts.series_figure(series, numbered), f"each pair over its {over}", "chart")
     return [section("Series", words, figure, name="series")]
 
 
-def _velocity(dataset: xarray.Dataset, fields: Series | None, pairs: int, drawn: _Figures) -> list[str]:
+def _velocity(dataset: xarray.Dataset, fields: Series | None, pairs: int, number: int, drawn: _Figures) -> list[str]:
     field = field_data(dataset, fields)
     turning = "" if field["start"] else ALL_TURNS
     every = " x ".join(str(field["step"][axis]) for axis in "xyz")
@@ -121,7 +123,7 @@ def _velocity(dataset: xarray.Dataset, fields: Series | None, pairs: int, drawn:
     each = what_of(dataset)
     some = f"{times} of {pairs} {each}s, evenly chosen" if times < pairs else f"Each of {pairs} {each}s"
     series = f"{some}, and the mean and RMS fluctuation of all valid vectors. " if pairs > 1 else ""
-    first = f", of the first {what_of(dataset)}" if pairs > 1 else ""
+    first = f", of {named(dataset, number)}" if pairs > 1 else ""
     return [
         section(
             "Velocity in 3D",
@@ -144,23 +146,28 @@ def _velocity(dataset: xarray.Dataset, fields: Series | None, pairs: int, drawn:
     ]
 
 
-def _accuracy(accuracy: Mapping[str, Any], drawn: _Figures) -> list[str]:
+def _accuracy(accuracy: Mapping[str, Any], dataset: xarray.Dataset, drawn: _Figures) -> list[str]:
     if not accuracy:
         return []
     measures = {name: value for name, value in accuracy.items() if name != "by_depth"}
     content = [table(measures, "measure")]
     if (profile := accuracy.get("by_depth")) is not None:
-        content.append(drawn("accuracy", charts.accuracy_figure(profile), "errors by depth", "chart"))
+        content.append(drawn("accuracy", charts.accuracy_figure(profile, dataset), "errors by depth", "chart"))
     return [section("Accuracy", "Against the known truth of this recording.", *content, name="accuracy")]
 
 
 def _validation(
-    experiment: Experiment, dataset: xarray.Dataset, summary: Mapping[str, Any], pairs: int, drawn: _Figures
+    experiment: Experiment,
+    dataset: xarray.Dataset,
+    summary: Mapping[str, Any],
+    pairs: int,
+    number: int,
+    drawn: _Figures,
 ) -> str:
-    """``summary`` is of all vectors, figures are of the first of ``pairs``."""
+    """``summary`` is of all vectors, figures are of one of ``pairs``."""
     dt_s, voxel_mm = experiment.recording_table.dt_s, experiment.volume.voxel_mm
     share = 100 * summary.get("replaced_share", replaced_share(dataset))
-    first = f", of the first {what_of(dataset)}" if pairs > 1 else ""
+    first = f", of {named(dataset, number)}" if pairs > 1 else ""
     content = [
         subheading(f"Where vectors were replaced{first}"),
         drawn("validation", charts.validation_figure(dataset), "where vectors were replaced", "chart"),

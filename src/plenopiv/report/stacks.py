@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from plenopiv.lightfield import LightField
 from plenopiv.refocusing import image_axes, refocused, sub_aperture
+from plenopiv.report.document import place_mm
 from plenopiv.volume import Volume
 
 PICTURES = 24  # of a volume at most
@@ -66,7 +67,8 @@ def volume_stack(volume: Volume) -> Stack:
         for k in range(lo + 1, hi):
             plane = np.maximum(plane, volume.slab(k, k + 1)[0])
         images.append(joined(plane, SIDE)[::-1])
-        captions.append(f"z = {_signed(z0 + (z1 - z0) * lo / nz)} to {_signed(z0 + (z1 - z0) * hi / nz)} mm")
+        first, last = ((z1 - z0) * k / nz for k in (lo, hi))
+        captions.append(f"z = {_signed(z0 + first, last - first)} to {_signed(z0 + last, last - first)} mm")
     return _stack("volume", images, captions, x, y, unit="intensity (counts)", start=len(images) // 2)
 
 
@@ -86,18 +88,20 @@ def light_field_stacks(lightfield: LightField, z_mm: tuple[float, float], of_cam
         seen.append(np.nan_to_num(sub_aperture(lightfield, view, x, y)))
     depths = np.linspace(*z_mm, DEPTHS)
     sharp = [np.nan_to_num(refocused(lightfield, float(z), x, y)) for z in depths]
+    said = [f"z = {_signed(z, depths[1] - depths[0])} mm{of_camera}" for z in depths]
     return (
         _stack("views", seen, names, *limits, start=len(seen) // 4),
-        _stack("refocus", sharp, [f"z = {_signed(z)} mm{of_camera}" for z in depths], *limits, start=DEPTHS // 2),
+        _stack("refocus", sharp, said, *limits, start=DEPTHS // 2),
     )
 
 
 def joined(image: NDArray, side: int) -> NDArray:
-    """Neighbouring pixels joined, the brightest kept, until no side is over ``side``: a particle must not vanish."""
-    for axis in (0, 1):
-        n = -(-image.shape[axis] // side)
-        if n > 1:
-            image = np.maximum.reduceat(image, np.arange(0, image.shape[axis], n), axis=axis)
+    """Neighbouring pixels joined, the brightest kept, until no side is over ``side``: a particle must not vanish. As
+    many or one more or less in each, so that all are alike in width and the picture's limits are the same."""
+    for axis, count in enumerate(image.shape):
+        n = -(-count // -(-count // side))
+        if n < count:
+            image = np.fmax.reduceat(image, np.arange(n) * count // n, axis=axis)
     return image
 
 
@@ -151,5 +155,7 @@ def _pair(limits: Sequence[float]) -> tuple[float, float]:
     return float(limits[0]), float(limits[1])
 
 
-def _signed(value: float) -> str:
-    return f"{value:+.2f}".replace("-", "−").replace("+0.00", "0.00").replace("−0.00", "0.00")
+def _signed(value: float, apart: float = 1.0) -> str:
+    """With its sign, if there is one, of values so far ``apart``."""
+    digits = place_mm(abs(value), np.array([0.0, apart]))
+    return digits if float(digits) == 0 else ("−" if value < 0 else "+") + digits

@@ -30,13 +30,14 @@ def scene(field: Mapping[str, Any]) -> str:
         f"{_slider(f'slice-{axis}', len(field['axes'][axis]), f'place of the slice across {axis}')}</label>"
         for axis, checked in (("z", " checked"), ("y", ""), ("x", ""))
     )
+    front = "along z" if field["laboratory"] else "as the camera sees it"
     controls = (
         f"{_time(field)}<label>isosurface of {_choice('criterion', criteria, field['start'])}</label>"
         '<label class="wide-label"><span>level <output data-said="level"></output></span>'
         '<input type="range" data-control="level" min="1" max="99" value="40" aria-label="level of the isosurface">'
         f"</label>{planes}{_colour(field)}"
         '<label><input type="checkbox" data-control="arrows" checked> arrows</label>'
-        '<button type="button" data-control="front">as the camera sees it</button>'
+        f'<button type="button" data-control="front">{front}</button>'
     )
     canvases = (
         '<canvas class="solid" aria-hidden="true"></canvas><canvas class="flat" tabindex="0" role="img" '
@@ -52,6 +53,8 @@ def scene(field: Mapping[str, Any]) -> str:
 def slices(field: Mapping[str, Any]) -> str:
     """Vector slices: which axis they cross, where, and what is coloured."""
     normals = {"y": "y (depth upward)", "z": "z (as the camera sees)", "x": "x (depth to the right)"}
+    if field["laboratory"]:
+        normals = {"y": "y (z upward)", "z": "z (y upward)", "x": "x (z to the right)"}
     controls = (
         f"{_time(field)}<label>across {_choice('normal', normals)}</label>"
         '<label class="wide-label"><span>place <output data-said="place"></output></span>'

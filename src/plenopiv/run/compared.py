@@ -19,8 +19,8 @@ from plenopiv.experiment import text
 from plenopiv.io.beside import unfinished
 from plenopiv.io.fields import units_of, variables_of_time
 from plenopiv.io.netcdf import DIMS, loaded, opened_velocity
-from plenopiv.recording.recording import NUMBERED
 from plenopiv.report.document import flat
+from plenopiv.report.moments import are_numbered
 
 if TYPE_CHECKING:
     import xarray
@@ -105,7 +105,9 @@ def compare(a: str | Path, b: str | Path, progress: Progress | None = None) -> C
             after = overlap.of_b(Field.of(loaded(other.velocity, _needed(second).isel(time=n))))
             if differences.add(before, after) and shown is None:
                 axes = [first[axis].values.astype(float)[getattr(overlap, axis).inside] for axis in "xyz"]
-                shown = Shown(float(first["time"].values[k]), (axes[0], axes[1], axes[2]), before, after)
+                time_s = float(first["time"].values[k])
+                when = f"pair {k + 1}" if are_numbered(first) else f"time {time_s:.6g} s"
+                shown = Shown(time_s, when, (axes[0], axes[1], axes[2]), before, after)
         report("comparison", len(pairs), len(pairs))
         if shown is None:
             raise PlenoPIVError(f"{one.velocity}, {other.velocity}: no vector was measured in both")
@@ -126,6 +128,7 @@ def compare(a: str | Path, b: str | Path, progress: Progress | None = None) -> C
         differences.histograms(),
         Z_EDGES,
         shown,
+        "laboratory" in (field.attrs.get("frame") for field in (first, second)),
     )
 
 
@@ -157,10 +160,6 @@ def _dt_s(dataset: xarray.Dataset) -> float | None:
     return float(stated)
 
 
-def _are_numbered(dataset: xarray.Dataset) -> bool:
-    return str(dataset["time"].attrs.get("long_name", "")).startswith(NUMBERED)
-
-
 def _same_times(a: Path, first: xarray.Dataset, b: Path, second: xarray.Dataset) -> list[tuple[int, int]]:
     """Numbers of the times that are in both, each once; of the phases where both have them in one unit: their times are
     means over pairs, and may coincide. Times that only number the pairs of a double-frame camera are compared in units
@@ -178,7 +177,7 @@ def _same_times(a: Path, first: xarray.Dataset, b: Path, second: xarray.Dataset)
     else:
         of_a, of_b = _dt_s(first), _dt_s(second)
         near = SAME_TIME * (of_a or of_b or 1e-6)
-        if of_a and of_b and _are_numbered(first) and _are_numbered(second):
+        if of_a and of_b and are_numbered(first) and are_numbered(second):
             theirs = theirs * (of_a / of_b)
     order = np.argsort(theirs, kind="stable")
     place = np.searchsorted(theirs[order], ours - near)

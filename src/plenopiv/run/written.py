@@ -131,6 +131,7 @@ def write_results(
             stacks=first.stacks,
             series=series_of(times["time"], records) if len(times) == 1 else None,
             fields=series_of_file(folder.path("velocity.nc")) if len(records) > 1 else None,
+            number=number,
             date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
             figures_folder=folder.work / "figures",
             accuracy=score(_all_fields(folder, files)) if score else None,

@@ -10,7 +10,7 @@ the tracks nearby by. Without f tracks that are known well would be believed to 
 all others: near focus, where few are. The smoothing is a little less than the one that tells a fifth of the tracks best
 from the others (cross-validation, Wahba 1990, Spline Models for Observational Data). What splines leave beyond errors
 is added, interpolated between tracks (``remainder``). Error bars are the scatter of fits to data that carry errors
-again, and what is not resolved (``unresolved``), or what the remainder's variance leaves untold where that is more.
+again, and what of the remainder's variance tracks do not tell, as far as tracks held out allow (``unresolved``).
 ``parts`` takes larger volumes.
 """
 
@@ -53,7 +53,7 @@ class TrackField:
     """Cubic B-splines and what these leave. ``coefficients`` (repeats + 1, 3, n), the fit first; ``low_mm``,
     ``step_mm`` (3,) and ``nodes`` (3,) along x, y, z; ``smoothing`` that was chosen; ``chi2`` per degree of freedom,
     what is not resolved counted as an error; ``scale``: of such errors in the error bars; ``used`` (k,): tracks not
-    left out; ``remainder``: what splines leave of the tracks; ``unresolved``: and what both leave."""
+    left out; ``remainder``: what splines leave of the tracks; ``unresolved``: and what both leave of others."""
 
     coefficients: Array
     low_mm: Array

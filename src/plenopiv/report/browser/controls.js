@@ -44,8 +44,9 @@ function colourControls(root, field, draw) {
   return () => {
     const colours = colouring(field, colour.value, ends.map((end) => (end.value === "" ? NaN : Number(end.value))));
     const rms = field.moment().kind === "rms" ? "RMS of " : "";
+    const label = rms && colour.value === "speed" ? colours.label.replace("speed", RMS_SPEED) : rms + colours.label;
     ends.forEach((end, k) => (end.placeholder = shown(Number(colours.bar[k].toPrecision(3)))));
-    return { ...colours, name: colour.value, label: rms + colours.label };
+    return { ...colours, name: colour.value, label };
   };
 }
 

@@ -1,5 +1,6 @@
 // The velocity field: its moments (times, mean, RMS), unpacked where they are looked at; colours; values as text.
 
+const RMS_SPEED = "RMS of the velocity vector";
 const COMPONENT = { x: "u", y: "v", z: "w" };
 
 function bytesOf(text) {
@@ -94,14 +95,22 @@ function colouring(field, name, given) {
 // A value as its colours' range asks: to a thousandth of it.
 function written(field, name, value) {
   const { low, high } = field.quantities[name].limits;
-  const digits = Math.min(12, Math.max(0, Math.ceil(-Math.log10(high - low)) + 3));
-  return Number.isFinite(value) ? value.toFixed(digits).replace("-", "\u2212") : "none";
+  const digits = Math.max(0, Math.ceil(-Math.log10(high - low)) + 3);
+  if (!Number.isFinite(value)) return "none";
+  return (digits <= 9 ? value.toFixed(digits) : String(Number(value.toPrecision(4)))).replaceAll("-", "\u2212");
+}
+
+// A place along evenly spaced ones in mm, to a tenth of their distance where that is below .1 mm.
+function placed(places, n) {
+  const apart = places.length > 1 ? Math.abs(places[1] - places[0]) : 0;
+  const digits = apart > 0 ? Math.min(12, Math.max(2, 1 - Math.floor(Math.log10(apart)))) : 2;
+  return shown(Number(places[n].toFixed(digits)));
 }
 
 // All values of a vector, by its indices along x, y, z in the whole field.
 function valuesAt(field, [i, j, k]) {
   const { axes, values, quantities } = field, n = i + axes.x.length * (j + axes.y.length * k);
-  const place = ["x", "y", "z"].map((a, d) => `${a} = ${shown(Number(axes[a][[i, j, k][d]].toFixed(3)))}`).join(", ");
+  const place = ["x", "y", "z"].map((a, d) => `${a} = ${placed(axes[a], [i, j, k][d])}`).join(", ");
   const rms = field.moment().kind === "rms", said = [];
   for (const name of ["u", "v", "w"]) {
     const std = values[`${name}_std`];
@@ -110,7 +119,7 @@ function valuesAt(field, [i, j, k]) {
   }
   for (const [name, { label, unit }] of Object.entries(quantities)) {
     if (["u", "v", "w"].includes(name) || !(name in values)) continue;
-    said.push(`${label} ${written(field, name, values[name][n])}${unit && ` ${unit}`}`);
+    said.push(`${rms && name === "speed" ? RMS_SPEED : label} ${written(field, name, values[name][n])}${unit && ` ${unit}`}`);
   }
   const state = values.inside_body && values.inside_body[n] === 1 ? "inside the body"
     : values.valid[n] === 1 ? "" : Number.isFinite(values.u[n]) ? "replaced" : "not measured";

@@ -22,7 +22,7 @@ function startScene(root, field) {
       const all = field.axes[axis], first = Number(control(`first-${axis}`).value);
       const last = Math.max(Number(control(`last-${axis}`).value), Math.min(first + 1, all.length - 1));
       found[axis] = [Math.min(first, Math.max(last - 1, 0)), last];
-      const [low, high] = found[axis].map((n) => shown(Number(all[n].toFixed(2))));
+      const [low, high] = found[axis].map((n) => placed(all, n));
       say(`part-${axis}`, `${axis} = ${low} to ${high} mm`);
     }
     return found;
@@ -48,7 +48,7 @@ function startScene(root, field) {
     ["x", "y", "z"].forEach((axis, d) => {
       const slider = control(`slice-${axis}`), n = Number(slider.value);
       slider.disabled = !control(`show-${axis}`).checked;
-      say(`slice-${axis}`, slider.disabled ? "off" : `${axis} = ${shown(Number(field.axes[axis][n].toFixed(2)))} mm`);
+      say(`slice-${axis}`, slider.disabled ? "off" : `${axis} = ${placed(field.axes[axis], n)} mm`);
       if (!slider.disabled && n >= ends[axis][0] && n <= ends[axis][1])
         parts.push(sliceSolid(part, d, n - ends[axis][0], of));
     });

@@ -10,7 +10,7 @@ function startSlices(root, field) {
   function draw() {
     const normal = control("normal").value, [right, up] = PLANES[normal], axes = field.axes, values = field.values;
     const n = Number(slider.value), colours = coloursAsked();
-    sayIn(root, "place", `${normal} = ${shown(Number(axes[normal][n].toFixed(2)))} mm`);
+    sayIn(root, "place", `${normal} = ${placed(axes[normal], n)} mm`);
     const strides = { x: 1, y: axes.x.length, z: axes.x.length * axes.y.length };
     const number = (i, j) => n * strides[normal] + i * strides[right] + j * strides[up];
     const h = faces(axes[right]), v = faces(axes[up]);

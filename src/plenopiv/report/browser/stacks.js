@@ -87,7 +87,8 @@ function startStack(root, stack) {
     const row = Math.floor(((y[1] - mm[1]) / (y[1] - y[0])) * shades.height);
     const grey = shades.values[Math.min(row, shades.height - 1) * shades.width + Math.min(column, shades.width - 1)];
     const value = Number(((grey / 255) * limits[1]).toPrecision(2)), most = grey === 255 ? " or more" : "";
-    const [h, v] = mm.map((c) => shown(Number(c.toFixed(2))));
+    const pixel = [(x[1] - x[0]) / shades.width, (y[1] - y[0]) / shades.height];
+    const [h, v] = mm.map((c, k) => placed([c, c + pixel[k]], 0));
     return { text: `x = ${h}, y = ${v} mm: about ${shown(value)}${most} ${stack.unit.replace(/.*\((.*)\)/, "$1")}` };
   }
 
