@@ -261,6 +261,15 @@ def test_globs_follow_numbers_and_leave_the_white_image_out(tmp_path):
         find_frames(tmp_path, "*.png")
 
 
+def test_hidden_files_are_no_frames(tmp_path):
+    """A Mac lays "._a.tif" beside "a.tif" on disks of others."""
+    for name in ("a1.tif", "a2.tif", "._a1.tif", ".a3.tif"):
+        (tmp_path / name).touch()
+    assert [p.name for p in find_frames(tmp_path, "*.tif")] == ["a1.tif", "a2.tif"]
+    assert [p.name for p in find_frames(tmp_path, "*1.tif")] == ["a1.tif"]
+    assert [p.name for p in find_frames(tmp_path, ".a*.tif")] == [".a3.tif"]
+
+
 def test_natural_order():
     assert sorted(["f10", "f9b2", "f9b10", "F1"], key=natural_order) == ["F1", "f9b2", "f9b10", "f10"]
 

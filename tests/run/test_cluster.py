@@ -287,6 +287,17 @@ def test_a_scheduler_that_does_not_answer(folder, monkeypatch, capfd):
     assert not (folder / "results").exists()
 
 
+@pytest.mark.parametrize("content", ["", "{}", "[]", '{"type": "Sched', '{"address": 5}'])
+def test_a_scheduler_s_file_that_names_none(tmp_path, monkeypatch, content):
+    monkeypatch.setattr(workers, "PATIENCE_S", 0.3)
+    (tmp_path / "s.json").write_text(content)
+    with (
+        pytest.raises(PlenoPIVError, match=r"s\.json: names no scheduler, or is half written; dask scheduler"),
+        workers.started(Workers(scheduler_file=tmp_path / "s.json")),
+    ):
+        pass
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

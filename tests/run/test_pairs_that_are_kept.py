@@ -1,11 +1,14 @@
 """Which finished pairs are kept when a recording has grown or shrunk since."""
 
+import os
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io.series_folder import SeriesFolder
+from plenopiv.run.inputs import changed_frame, frame_entry, read_entry
 from plenopiv.run.series import keep_unchanged
 
 INPUTS = {"settings": {"overlap": 0.5}}
@@ -59,6 +62,33 @@ ALONE, ONE_OF_SEVERAL = "velocity.nc", "pairs/pair-0000.nc"
 def test_a_pair_is_kept_where_its_field_has_the_name_that_it_would_have_now(tmp_path, files, pairs, stays):
     finish_one(tmp_path / "results", files)
     assert kept(tmp_path / "results", recording_of(tmp_path, pairs)) == ([0] if stays else [])
+
+
+def test_frames_that_were_exchanged_are_found_where_size_and_time_are_equal(tmp_path):
+    """Names exchanged on a disk whose clock is coarse; a read tells, where a pair's two files are alike."""
+    images = [np.full((4, 4), k, np.uint16) for k in range(2)]
+    for k, time in enumerate((7, 7)):
+        (tmp_path / f"{k}.tif").write_bytes(b"image")
+        os.utime(tmp_path / f"{k}.tif", ns=(time, time))
+    frames = [SimpleNamespace(name=f"{k}.tif", path=tmp_path / f"{k}.tif") for k in range(2)]
+    entries = [read_entry(frame_entry(frame), image) for frame, image in zip(frames, images, strict=True)]
+    read = []
+
+    def light(k):
+        read.append(k)
+        return images[k], ()
+
+    recording = SimpleNamespace(pairs=((0, 1),), frames=frames, light=light)
+    record = {"pair": 0, "frames": entries}
+    assert changed_frame(recording, record) is None
+    images.reverse()
+    assert changed_frame(recording, record) == "0.tif is another image than the one that was measured"
+    images.reverse()
+    os.utime(tmp_path / "1.tif", ns=(8, 8))
+    entries[1] = read_entry(frame_entry(frames[1]), images[1])
+    read.clear()
+    assert changed_frame(recording, record) is None
+    assert read == []
 
 
 @pytest.mark.parametrize("pairs", [1, 2])

@@ -91,6 +91,15 @@ def test_a_preview_that_cannot_be(experiment):
     assert (experiment.folder / "preview" / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.parametrize("kind", ["link", "file"])
+def test_a_preview_is_no_link(experiment, tmp_path, kind):
+    """Found before it is measured."""
+    place = experiment.folder / "preview"
+    place.symlink_to(tmp_path) if kind == "link" else place.write_text("a note")
+    with pytest.raises(PlenoPIVError, match=rf"preview: is no folder but a {kind}; move it away"):
+        preview(experiment)
+
+
 def test_an_experiment_file_that_was_changed_is_not_replaced(experiment):
     folder = experiment.folder / "preview"
     folder.mkdir()

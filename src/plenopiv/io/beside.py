@@ -61,7 +61,12 @@ def unfinished(directory: Path) -> str:
     return f"a run that is not finished has {pairs} so far; plenopiv run with its experiment file goes on with it"
 
 
-def warn_of_unfinished(path: Path) -> None:
-    """Warn where a ``velocity.nc`` is of results that an unfinished run is about to replace."""
+def warn_of_others(path: Path) -> None:
+    """Warn where a ``velocity.nc`` is another one than its run wrote (damaged, or changed since), or of results that an
+    unfinished run is about to replace."""
+    made = Manifest.read(path.parent / manifests.NAME)
+    if made is not None and path.name in made.files and not manifests.is_whole(path, made.files[path.name]):
+        words = f"{path}: is not as its run wrote it: changed since, or damaged; the same plenopiv run makes it again"
+        warnings.warn(words, PlenoPIVWarning, stacklevel=3)
     if words := unfinished(path.parent):
         warnings.warn(f"{path}: is of earlier results: {words}", PlenoPIVWarning, stacklevel=3)

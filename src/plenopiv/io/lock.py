@@ -80,9 +80,13 @@ class FolderLock:
             self._let_go(self._descriptor, self._key)
             self._descriptor = None
 
+    def is_there(self) -> bool:
+        """Whether the file is still the one that was locked: not removed, with its folder say, or replaced."""
+        return self._descriptor is not None and self._is_current(os.fstat(self._descriptor))
+
     def alone(self) -> bool:
-        """Whether no other run holds any pair; if so, this one holds all of them from now on."""
-        return self._descriptor is not None and self._try(self._descriptor, 0, 0)
+        """Whether the folder is still this run's and no other holds any pair; then this one holds all from now on."""
+        return self._descriptor is not None and self.is_there() and self._try(self._descriptor, 0, 0)
 
     @contextmanager
     def beginning(self) -> Iterator[bool]:

@@ -13,7 +13,7 @@ import numpy as np
 from plenopiv.errors import PlenoPIVError
 from plenopiv.hdf5 import contradiction, damage
 from plenopiv.io.aside import hdf5_aside
-from plenopiv.io.beside import unfinished, warn_of_unfinished
+from plenopiv.io.beside import unfinished, warn_of_others
 
 if TYPE_CHECKING:
     import xarray
@@ -79,7 +79,7 @@ def opened_velocity(path: str | Path) -> Iterator[xarray.Dataset]:
         wrong = None
     if wrong is None:
         raise PlenoPIVError(f"{path}: no such file; {unfinished(path.parent) or 'plenopiv run writes velocity.nc'}")
-    warn_of_unfinished(path)
+    warn_of_others(path)
     try:
         if wrong:
             raise ValueError(wrong)

@@ -19,6 +19,7 @@ import numpy as np
 
 from plenopiv.errors import PlenoPIVError, told_of
 from plenopiv.io.lock import FolderLock
+from plenopiv.io.made_folders import MadeFolders
 
 STAGE_LOCK = "lock"
 COMPLETE = ("velocity.nc", "summary.json")  # moved last, in this order; both there = a complete run
@@ -43,7 +44,7 @@ class OutputFolder:
         self.overwrite = overwrite
         self._stage: Path | None = None
         self._lock: FolderLock | None = None
-        self._made: list[Path] = []
+        self._made = MadeFolders()
 
     def __enter__(self) -> OutputFolder:
         if self.directory.exists() and not self.directory.is_dir():
@@ -51,10 +52,7 @@ class OutputFolder:
         if not self.overwrite and all((self.directory / name).exists() for name in COMPLETE):
             raise PlenoPIVError(f"{self.directory}: holds a complete run; use --overwrite, or another output.directory")
         try:
-            for folder in reversed([self.directory, *self.directory.parents]):
-                if not folder.exists():
-                    folder.mkdir()
-                    self._made.append(folder)
+            self._made.make(self.directory)
             sweep_stages(self.directory)
             self._stage, self._lock = made_stage(self.directory)
         except OSError as error:
@@ -66,7 +64,7 @@ class OutputFolder:
         try:
             if kind is None:
                 self._move()
-                self._made = []
+                self._made.keep()
         finally:
             self._remove_stage()
 
@@ -115,11 +113,7 @@ class OutputFolder:
             self._lock.__exit__()
             shutil.rmtree(self._stage, ignore_errors=True)
             self._stage = None
-        while self._made:
-            try:
-                self._made.pop().rmdir()
-            except OSError:  # someone else put a file there meanwhile
-                break
+        self._made.remove()
 
 
 def made_stage(folder: Path, prefix: str = ".plenopiv-") -> tuple[Path, FolderLock]:

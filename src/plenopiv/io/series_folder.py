@@ -21,6 +21,7 @@ from plenopiv.io.aside import is_being_written, written_aside
 from plenopiv.io.beside import INPUTS, WORK, warn_of_earlier
 from plenopiv.io.into_place import move_into_place
 from plenopiv.io.lock import FolderLock
+from plenopiv.io.made_folders import MadeFolders
 from plenopiv.io.manifest import Manifest, Records, digest_of, hash_of, is_whole, named_changes, settled_otherwise
 from plenopiv.io.output import COMPLETE, sweep_stages
 
@@ -45,7 +46,7 @@ class SeriesFolder:
         self.words: list[str] = []  # on what was found damaged
         self._lock = FolderLock(self.work / LOCK, first, end)
         self._first, self._end, self._alone = first, end, end is None
-        self._made: list[Path] = []
+        self._made = MadeFolders()
         self._mode = "new"  # "repair": whole pairs of the results are kept; "replace": none
         self._known: dict[str, Any] | None = None  # what the pairs that are there depend on
         self._results: Manifest | None = None
@@ -55,17 +56,14 @@ class SeriesFolder:
         if self.directory.exists() and not self.directory.is_dir():
             raise PlenoPIVError(f"{self.directory}: is a file; output.directory must name a folder")
         try:
-            for folder in reversed([self.work, *self.work.parents]):
-                if not folder.exists():
-                    folder.mkdir(exist_ok=True)
-                    self._made.append(folder)
+            self._made.make(self.work)
         except OSError as error:
-            self._remove_made()
+            self._made.remove()
             raise PlenoPIVError(f"{self.directory}: cannot be written ({error.strerror})") from None
         try:
             self._lock.__enter__()
         except BaseException:
-            self._remove_made()
+            self._made.remove()
             raise
         try:
             if self._alone:
@@ -81,7 +79,7 @@ class SeriesFolder:
                 self.discard()
         finally:
             self._lock.__exit__()
-            self._remove_made()
+            self._made.remove()
 
     def begin(self, inputs: Mapping[str, Any]) -> None:
         """Compare what this run depends on, but for its calibration, with what is there.
@@ -198,8 +196,9 @@ class SeriesFolder:
         """Keep the record of a pair (with the key "pair") whose ``files`` are written; returns it as it is kept.
 
         Raises:
-            PlenoPIVError: the folder cannot be written.
+            PlenoPIVError: the folder cannot be written, or is not this run's any more.
         """
+        self._check_mine()
         hashes = {name: hash_of(self.work / name) for name in files}
         line = manifests.line({**record, "depends": self.depends, "files": hashes})
         self._write(_record(record["pair"]), line)
@@ -212,12 +211,30 @@ class SeriesFolder:
         """Write the manifest and move all into place; ``files``: names of those that belong to no pair.
 
         Raises:
-            PlenoPIVError: the folder cannot be written; the next run goes on with it.
+            PlenoPIVError: the folder cannot be written; the next run goes on with it. Or it is not this run's any more.
         """
+        self._check_mine()
         listed = {name: hash_of(self.there(name)) for name in files}
         made = Manifest(dict(inputs), self.finished, listed)
         self._write(manifests.NAME, made.text())
         self._move(made)
+
+    @property
+    def is_mine(self) -> bool:
+        """Whether the folder is still the one that this run locked: nobody removed, moved or replaced it."""
+        return self._lock.is_there()
+
+    def check_whole(self) -> None:
+        """Raise PlenoPIVError where the folder is not this run's any more, or a finished pair's file is another one."""
+        self._check_mine()
+        for record in self.finished.values():
+            for name, hashed in record["files"].items():
+                if not is_whole(path := self.there(name), hashed):
+                    raise PlenoPIVError(f"{path}: {_wrong(path)} since its pair was measured; begin the command again")
+
+    def _check_mine(self) -> None:
+        if not self.is_mine:
+            raise PlenoPIVError(f"{self.directory}: was removed or replaced while this run went on; begin it again")
 
     def discard(self) -> None:
         """Forget what was made of this run, unless others work on it."""
@@ -293,7 +310,7 @@ class SeriesFolder:
             made = Manifest.read(self.work / manifests.NAME)
             if made is not None and made.inputs is not None and not made.damaged:
                 self._move(made)
-                self._made = []
+                self._made.keep()
                 self.work.mkdir(exist_ok=True)
                 self._lock.__exit__()
                 self._lock.__enter__()
@@ -304,7 +321,7 @@ class SeriesFolder:
         before = move_into_place(made, self.work, self.directory)
         warn_of_earlier(self.directory, before, made)
         self.discard()
-        self._made = []
+        self._made.keep()
 
     def _clear(self) -> None:
         """Forget an unfinished run, but not the lock."""
@@ -320,16 +337,6 @@ class SeriesFolder:
     def _write(self, name: str, text: str) -> None:
         with written_aside(self.path(name)) as aside:
             aside.write_text(text, encoding="utf-8", newline="\n")
-
-    def _remove_made(self) -> None:
-        """Remove the folders that were made and are empty."""
-        while self._made:
-            try:
-                self._made.pop().rmdir()
-            except FileNotFoundError:
-                continue
-            except OSError:
-                break
 
 
 def _wrong(path: Path) -> str:

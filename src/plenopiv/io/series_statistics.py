@@ -11,7 +11,7 @@ import numpy as np
 
 from plenopiv.errors import PlenoPIVError, brief
 from plenopiv.hdf5 import contradiction, damage
-from plenopiv.io.beside import VELOCITY, unfinished, warn_of_unfinished
+from plenopiv.io.beside import VELOCITY, unfinished, warn_of_others
 from plenopiv.io.netcdf import DIMS, check_velocity, write_dataset
 from plenopiv.statistics import Phases, PhaseStatistics, SeriesStatistics
 
@@ -44,7 +44,7 @@ def fields_of(results: str | Path) -> Iterator[tuple[int, int, xarray.Dataset]]:
         wrong = None
     if wrong is None:
         raise PlenoPIVError(f"{path}: no such file; {unfinished(path.parent) or f'plenopiv run writes {VELOCITY}'}")
-    warn_of_unfinished(path)
+    warn_of_others(path)
     if wrong:
         raise PlenoPIVError(f"{path}: is no velocity file or is damaged ({wrong[:100]})")
     try:

@@ -155,7 +155,8 @@ def _without_braces(pattern: str, why: str) -> None:
 
 
 def find_frames(folder: Path, pattern: str, leave_out: Path | Sequence[Path] | None = None) -> tuple[Path, ...]:
-    """Files of a glob in natural order (a2 before a10), without ``leave_out`` (white image, dark, background).
+    """Files of a glob in natural order (a2 before a10), without ``leave_out`` (white image, dark, background), and
+    without hidden ones where the pattern begins with no dot.
 
     ``pattern`` may name a data set of HDF5 files: ``run_*.h5::frames``.
 
@@ -173,7 +174,9 @@ def find_frames(folder: Path, pattern: str, leave_out: Path | Sequence[Path] | N
         # Path.glob takes no absolute patterns: split off the root.
         root = files.anchor
         found = Path(root).glob(str(files.relative_to(root))) if root else folder.glob(glob)
-        there = (p for p in found if p.is_file() or (p.is_symlink() and not p.exists()))  # links to nothing are told of
+        hidden = files.name.startswith(".")  # "._a.tif" lies beside "a.tif" where a Mac was: no image
+        shown = (p for p in found if hidden or not p.name.startswith("."))
+        there = (p for p in shown if p.is_file() or (p.is_symlink() and not p.exists()))  # links to nothing are told of
         paths = sorted(there, key=lambda p: natural_order(p.as_posix()))
     except (ValueError, NotImplementedError) as error:
         raise PlenoPIVError(f"recording.frames: {pattern!r} is no file pattern ({error})") from None

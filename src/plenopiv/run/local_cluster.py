@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import shutil
 import sys
 import threading
 from collections.abc import Mapping, Sequence
@@ -60,7 +61,7 @@ def settings(threads: int, preloaded: Sequence[str] = ()) -> dict[str, Any]:
 def main(asked: Mapping[str, Any]) -> None:
     """Start scheduler and workers, tell their address, and go on until standard input ends."""
     clusters: list[Any] = []
-    ends = threading.Thread(target=_end_with_input, args=[clusters], daemon=True)
+    ends = threading.Thread(target=_end_with_input, args=[clusters, asked["folder"]], daemon=True)
     ends.start()
 
     import dask
@@ -94,8 +95,9 @@ def _start_again(cluster: Any, count: int) -> None:
     cluster.scale(count)
 
 
-def _end_with_input(clusters: Sequence[Any]) -> None:
-    """End this process and its workers, whatever they do, when standard input ends."""
+def _end_with_input(clusters: Sequence[Any], folder: str) -> None:
+    """End this process and its workers, whatever they do, when standard input ends; and remove Dask's ``folder``, which
+    a main process that was killed leaves."""
     sys.stdin.read()
     import psutil
 
@@ -107,4 +109,5 @@ def _end_with_input(clusters: Sequence[Any]) -> None:
         with suppress(psutil.Error):
             worker.kill()
     psutil.wait_procs(workers, timeout=PATIENCE_S)
+    shutil.rmtree(folder, ignore_errors=True)
     os._exit(0)  # a worker that has just been started ends with this process

@@ -62,6 +62,8 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
     folder = experiment.folder / FOLDER
     if folder.resolve() == experiment.output_directory.resolve():
         raise PlenoPIVError(f"{folder}: is the results folder, and a preview goes there; rename output.directory")
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise PlenoPIVError(f"{folder}: is no folder but a {'link' if folder.is_symlink() else 'file'}; move it away")
     if strange := not_of_a_preview(folder):
         raise PlenoPIVError(f"{folder}: holds something else than a preview ({', '.join(strange[:3])}); move it")
     if changed_since(folder):
@@ -96,7 +98,8 @@ def preview(experiment: Experiment, progress: Progress | None = None) -> RunResu
         shutil.rmtree(folder, ignore_errors=True)
         lock.__exit__()
         lock.path.unlink()
-        os.replace(stage, folder)
+        with told_of(folder):
+            os.replace(stage, folder)
     finally:
         lock.__exit__()
         shutil.rmtree(stage, ignore_errors=True)

@@ -71,7 +71,7 @@ class StoredSeries:
                 if count > 1:
                     self.report("pairs", done, count)
         except BaseException:
-            if self.folder.finished:
+            if self.folder.finished and self.folder.is_mine:
                 done, count = len(self.folder.finished), self.count
                 log.info("%d of %d pairs are finished and kept; the same command goes on from there", done, count)
             raise
@@ -93,6 +93,7 @@ class StoredSeries:
         if all(record["set_aside"] is not None for record in records):
             folder.discard()
             raise PlenoPIVError(f"no pair can be measured: {records[0]['set_aside']}")
+        folder.check_whole()
         told = Told(self.judgement.findings, self.warned)
         for entry in records:
             told.add(entry)

@@ -223,6 +223,7 @@ def _put_together(
     if not tracked:
         folder.discard()
         raise PlenoPIVError(f"no pair can be tracked: {records[0]['set_aside']}")
+    folder.check_whole()
     files = ["summary.json"]
     with clock("links and field"):
         smooth = _smooth(folder, recording, chain, table)
@@ -245,7 +246,7 @@ def _put_together(
         files.append("velocity.nc")
     measured = map(read_velocity, fields.values()) if fields else [tracks]
     moved = [largest(each, chain.grid.voxel_mm, recording.dt_s) for each in measured]
-    staged = folder.directory / f".{FILE}.part"  # the old ones stay until all else is there
+    staged = path.with_name(f".{FILE}.part")  # the old ones stay until all else is there
     write_tracks(staged, tracks)
     names = recording.names
     particles = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import subprocess
@@ -165,12 +166,26 @@ def started(workers: Workers | int | None, memory: int | None = None) -> Iterato
 
 
 def _wait_for(file: Path) -> None:
-    """A scheduler writes its file when it starts, which may take a while in a queue."""
+    """A scheduler writes its file when it starts, which may take a while in a queue.
+
+    Raises:
+        PlenoPIVError: it does not.
+    """
     until = time.monotonic() + PATIENCE_S
-    while not file.exists():
+    while not _names_scheduler(file):
         if time.monotonic() > until:
-            raise PlenoPIVError(f"{file}: is not there; dask scheduler --scheduler-file {file} writes it")
+            wrong = "names no scheduler, or is half written" if file.exists() else "is not there"
+            raise PlenoPIVError(f"{file}: {wrong}; dask scheduler --scheduler-file {file} writes it")
         time.sleep(0.2)
+
+
+def _names_scheduler(file: Path) -> bool:
+    """Whether it is whole, with the address of a scheduler in it."""
+    try:
+        found = json.loads(file.read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and isinstance(found.get("address"), str)
 
 
 @contextmanager
