@@ -15,6 +15,7 @@ from plenopiv.calibration.target.calibrated import (
     PlaneResidual,
     _check_agreement,
     _compare_with_sheet,
+    _plane,
     _warn_of_three_planes,
     lens_space_camera,
 )
@@ -127,6 +128,17 @@ def test_outliers_and_cut_dots_are_left_out(fitted):
     assert np.flatnonzero(~found.used).tolist() == [7, 40]
     assert found.residual_mm[7, 0] == pytest.approx(0.02, abs=2e-3)
     assert found.residual_mm[40, 1] == pytest.approx(0.02, abs=2e-3)
+
+
+def test_outliers_are_told_of_and_count_in_no_residual(fitted):
+    dots, found = fitted
+    planes = [_plane(TargetImage(f"{n}.tif", 1.5 * n, np.zeros(1)), n, dots, found) for n in range(5)]
+    assert [(plane.dots, plane.whole, plane.outliers) for plane in planes] == [
+        (15, 15, 1), (15, 15, 0), (15, 14, 0), (15, 15, 0), (15, 15, 0),
+    ]  # fmt: skip
+    assert max(plane.rms_um[0] for plane in planes) < 0.4  # 5 with the outlier
+    elsewhere = replace(found, used=found.used & (dots.plane != 3))
+    assert _plane(TargetImage("3.tif", 4.5, np.zeros(1)), 3, dots, elsewhere).outliers == 0
 
 
 def test_residuals_are_the_noise_and_left_out_ones_more(fitted):

@@ -69,6 +69,14 @@ def test_no_key_may_be_missing(file):
             load_calibration(file.with_name("cut.toml"))
 
 
+def test_a_file_of_before_outliers_were_counted(file):
+    tables = tomllib.loads(file.read_text())
+    for plane in tables["planes"]:
+        del plane["outliers"]
+    file.write_text(tomli_w.dumps(tables))
+    assert [plane.outliers for plane in load_calibration(file)[0].planes] == [0] * 4
+
+
 @pytest.mark.parametrize(
     ("was", "now", "words"),
     [

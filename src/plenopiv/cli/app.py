@@ -275,14 +275,16 @@ def run(
 
 @app.command()
 def info(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A .toml, .nc or .tif file.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="An experiment file, results (.nc) or an image.")],
 ) -> None:
-    """Print what a file holds. For an experiment: camera, field of view by depth, voxels, memory, warnings.
+    """Print what a file holds. For an experiment: camera, field of view by depth, voxels, memory, warnings. For
+    velocity.nc, tracks.nc or statistics.nc: how much of what, where, how fast. For an image: size and counts.
 
     \b
     Example:
         plenopiv info run7/experiment.toml
         plenopiv info run7/results/velocity.nc
+        plenopiv info run7/dark.tif
     """
     from plenopiv.cli.info import info
 

@@ -142,7 +142,9 @@ def undetermined(calibration: TargetCalibration, name: str) -> bool:
 def lines_of(calibration: TargetCalibration) -> list[str]:
     """A calibration with a target as text: dots, parameters, residuals by plane, the largest shift in a view."""
     dots, whole = (sum(getattr(plane, key) for plane in calibration.planes) for key in ("dots", "whole"))
-    lines = [f"target     {dots} dots in {len(calibration.planes)} planes, {whole} of them seen whole", ""]
+    outliers = sum(plane.outliers for plane in calibration.planes)
+    beside = f", {outliers} of these left out: they lie off all others" if outliers else ""
+    lines = [f"target     {dots} dots in {len(calibration.planes)} planes, {whole} of them seen whole{beside}", ""]
     for name, (words, unit) in {**LENGTHS, **SHARES, **POSE}.items():
         if name not in calibration.values:
             continue  # micro-images that the lens' rim does not clip do not show the exit pupil
@@ -171,6 +173,7 @@ def facts_of(calibration: TargetCalibration) -> dict[str, Any]:
     planes = [
         {
             "image": plane.image, "z_mm": plane.z_mm, "dots": plane.dots, "whole": plane.whole,
+            "outliers": plane.outliers,
             "rms_um": _plain(plane.rms_um), "mean_um": _plain(plane.mean_um),
         }
         for plane in calibration.planes

@@ -1,4 +1,4 @@
-"""``plenopiv info``: what an experiment file, a velocity file or an image holds, as plain text."""
+"""``plenopiv info``: what an experiment file, a file of results or an image holds, as plain text."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from math import prod
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plenopiv.cameras.coverage import seen_by_every_view_mm
 from plenopiv.cameras.plenoptic import PlenopticCamera
@@ -25,14 +26,10 @@ def info(file: Path) -> str:
     Raises:
         PlenoPIVError: the file is missing, damaged or of no kind that is known.
     """
-    readers = {".toml": _experiment, ".nc": _velocity, ".tif": _image, ".tiff": _image}
     if file.is_dir():
         remedy = unfinished(file) or "name the experiment file, velocity.nc or the image in it"
         raise PlenoPIVError(f"{file}: is a folder; {remedy}")
-    reader = readers.get(file.suffix.lower())
-    if reader is None:
-        raise PlenoPIVError(f"{file}: info reads experiment files (.toml), velocity fields (.nc) and images (.tif)")
-    lines = reader(file)
+    lines = {".toml": _experiment, ".nc": _results}.get(file.suffix.lower(), _image)(file)
     width = max(len(name) for name, _ in lines)
     return "\n".join(f"{name:<{width}}  {text}" for name, text in lines)
 
@@ -104,6 +101,55 @@ def _experiment(file: Path) -> Lines:
     return lines
 
 
+def _results(file: Path) -> Lines:
+    """Of tracks, of statistics or of a velocity field."""
+    from plenopiv.io.series_statistics import holds_statistics
+    from plenopiv.io.tracks_file import holds_tracks
+
+    if file.is_file() and holds_tracks(file):
+        return _tracks(file)
+    return _statistics(file) if file.is_file() and holds_statistics(file) else _velocity(file)
+
+
+def _tracks(file: Path) -> Lines:
+    from plenopiv.io.tracks_file import read_tracks
+
+    tracks = read_tracks(file)
+    frame, number = tracks["frame"].values, tracks["track_id"].values
+    linked = number >= 0
+    seen = np.unique(number[linked], return_counts=True)[1]
+    longest = f", the longest of {seen.max()} frames" if seen.size else ""
+    lines = [
+        ("particles", f"{frame.size}, in {np.unique(frame).size} frames"),
+        ("tracks", f"{seen.size}{longest}; {100 * linked.mean() if frame.size else 0:.1f} % of the particles on one"),
+    ]
+    lines += [(axis, _span(tracks[axis].values, ".4g", "mm")) for axis in "xyz"]
+    return lines + [(name, _span(tracks[name].values, "+.4g", "m/s", mean=True)) for name in "uvw"]
+
+
+def _statistics(file: Path) -> Lines:
+    import xarray
+
+    with xarray.open_dataset(file, engine="h5netcdf", decode_times=False) as found:
+        phases = f", {found.sizes['phase']} phases" if "phase" in found.sizes else ""
+        sizes = " x ".join(str(found.sizes[axis]) for axis in "xyz")
+        lines = [("statistics", f"of {found.attrs.get('pairs', '?')} pairs{phases}; {sizes} places along x, y, z")]
+        lines += [(axis, _span(found[axis].values, ".4g", "mm")) for axis in "xyz"]
+        for name in "uvw":
+            mean, rms = (found[f"{name}_{what}"].values for what in ("mean", "rms"))
+            lines.append((name, f"mean {_span(mean, '+.4g', 'm/s')}; RMS {_span(rms, '.4g', 'm/s')}"))
+        return lines
+
+
+def _span(values: NDArray, form: str, unit: str, mean: bool = False) -> str:
+    """Lowest and highest of the values that there are."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return "none"
+    middle = f", mean {known.mean():{form}}" if mean else ""
+    return f"{known.min():{form}} to {known.max():{form}} {unit}{middle}"
+
+
 def _velocity(file: Path) -> Lines:
     from plenopiv.io.netcdf import read_velocity
     from plenopiv.velocity import replaced, vectors_inside_body
@@ -125,22 +171,22 @@ def _velocity(file: Path) -> Lines:
     if (inside := vectors_inside_body(dataset)) is not None:
         lines.append(("inside body", f"{inside}, not measured"))
     for axis in "xyz":
-        at = dataset[axis].values
-        lines.append((f"{axis}", f"{at.min():.4g} to {at.max():.4g} mm"))
-    for name in "uvw":
-        value = dataset[name].values[valid]
-        if value.size:
-            lines.append((name, f"{value.min():+.4g} to {value.max():+.4g} m/s, mean {value.mean():+.4g}"))
+        lines.append((axis, _span(dataset[axis].values, ".4g", "mm")))
+    if valid.any():
+        lines += [(name, _span(dataset[name].values[valid], "+.4g", "m/s", mean=True)) for name in "uvw"]
     return lines
 
 
 def _image(file: Path) -> Lines:
-    from plenopiv.recording import read_image
+    from plenopiv.recording.sources import sources_of
 
-    counts = read_image(file)
+    images = sources_of(file)
+    counts = images[0].counts(even=True)
     rows, columns = counts.shape
     low, middle, high = np.percentile(counts, (1, 50, 99.9))
+    several = [("images", f"{len(images)}; of the first:")] if len(images) > 1 else []
     return [
+        *several,
         ("size", f"{columns} x {rows} px (columns x rows), {counts.dtype}"),
         ("counts", f"{counts.min()} to {counts.max()}; 1 %: {low:.0f}, median {middle:.0f}, 99.9 %: {high:.0f}"),
         ("at maximum", f"{100 * np.mean(counts == counts.max()):.2g} % of the pixels"),

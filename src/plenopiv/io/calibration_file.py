@@ -80,7 +80,7 @@ def _calibration(data: Mapping[str, Any]) -> TargetCalibration:
         from_table(RayModel, {**rays, "medium": from_table(Medium, rays["medium"])}),
         {name: number(found[name]["value"]) for name in found},
         {name: number(found[name]["std"]) for name in found},
-        tuple(from_table(PlaneResidual, plane, finite=False) for plane in data["planes"]),
+        tuple(from_table(PlaneResidual, {"outliers": 0} | plane, finite=False) for plane in data["planes"]),
         field,
         tuple((int(m), int(n), number(s), number(t)) for m, n, s, t in views),
         from_table(ViewShift, data["self_calibration"]) if "self_calibration" in data else None,

@@ -28,6 +28,19 @@ def velocity_file(results: str | Path) -> Path:
     return path / VELOCITY if path.is_dir() else path
 
 
+def holds_statistics(path: Path) -> bool:
+    """Whether a file is one of statistics, and can be opened."""
+    import h5py
+
+    try:
+        if damage(path, netcdf=True):
+            return False
+        with h5py.File(path, "r") as file:
+            return all(f"{name}_rms" in file for name in "uvw")
+    except (OSError, ValueError, AttributeError):
+        return False
+
+
 def fields_of(results: str | Path) -> Iterator[tuple[int, int, xarray.Dataset]]:
     """(pair, number of pairs, field) of each time of a results folder's velocity.nc, or of such a file; a field has a
     time of length one. Not more than ``BLOCK_BYTES`` of them, or one, are in memory.

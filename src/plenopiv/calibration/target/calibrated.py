@@ -33,8 +33,9 @@ GROWTH = 0.6, 1.6  # of a micro-image pitch over the microlenses', beyond what t
 
 @dataclass(frozen=True)
 class PlaneResidual:
-    """Of one plane: dots found, those seen whole, and RMS and mean (x, y, z), in um, by which the latter lie off in the
-    laboratory when the plane is left out of the fit."""
+    """Of one plane: dots found, those seen whole, RMS and mean (x, y, z), in um, by which these lie off in the
+    laboratory when the plane is left out of the fit; and how many of these are not counted: they lie off all others,
+    dirty or half hidden."""
 
     image: str
     z_mm: float
@@ -42,6 +43,7 @@ class PlaneResidual:
     whole: int
     rms_um: tuple[float, float, float]
     mean_um: tuple[float, float, float]
+    outliers: int = 0
 
 
 @dataclass(frozen=True)
@@ -150,10 +152,15 @@ def calibrate_target(
 
 def _plane(image: TargetImage, number: int, dots: Dots, optics: OpticsFit) -> PlaneResidual:
     here = dots.plane == number
-    off = 1e3 * optics.left_out_mm[here & dots.whole]
+    whole, used = here & dots.whole, here & optics.used
+    counted = used if 2 * used.sum() >= whole.sum() else whole  # of a plane that is elsewhere all dots are off
+    off = 1e3 * optics.left_out_mm[counted]
     unknown = [float("nan")] * 3
     rms, mean = (np.sqrt((off**2).mean(0)).tolist(), off.mean(0).tolist()) if len(off) else (unknown, unknown)
-    return PlaneResidual(image.name, image.z_mm, int(here.sum()), len(off), tuple(rms), tuple(mean))
+    dots_whole = int(whole.sum())
+    return PlaneResidual(
+        image.name, image.z_mm, int(here.sum()), dots_whole, tuple(rms), tuple(mean), dots_whole - len(off)
+    )
 
 
 def _field(dots: Dots, optics: OpticsFit) -> tuple[tuple[tuple[float, float, float], ...], ...]:
