@@ -103,7 +103,8 @@ def test_as_json(with_target, capsys):
     assert {name.rsplit("/", 1)[-1] for name in found["files"]} == WRITTEN
     assert found["target"]["parameters"]["gap_mm"] == {"value": 3.5, "std": 0.0035, "undetermined": False}
     assert found["target"]["planes"][3] == {
-        "image": "hidden.tif", "z_mm": 4.2, "dots": 3, "whole": 0, "rms_um": [None] * 3, "mean_um": [None] * 3,
+        "image": "hidden.tif", "z_mm": 4.2, "dots": 3, "whole": 0, "outliers": 0,
+        "rms_um": [None] * 3, "mean_um": [None] * 3,
     }  # fmt: skip
     assert found["lattice"]["kind"] == "hexagonal"
 

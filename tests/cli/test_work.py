@@ -120,7 +120,8 @@ def test_info_of_a_velocity_file_and_of_others(tmp_path, capsys, one_line):
     assert "75.0 % measured" in text
     assert "mean -0.2" in text
     assert "missing" not in text
-    assert "info reads experiment files" in one_line("info", tmp_path / "notes.txt")
+    (tmp_path / "notes.txt").write_text("a note")
+    assert "is no image file that is known; TIFF, PNG" in one_line("info", tmp_path / "notes.txt")
     assert "no such file" in one_line("info", tmp_path / "none.nc")
     assert "is a folder; name the experiment file, velocity.nc or the image in it" in one_line("info", tmp_path)
 

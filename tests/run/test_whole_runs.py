@@ -100,7 +100,7 @@ def test_the_results_folder(finished, capsys):
     assert resolved.grid() == experiment.grid()
     page = (folder / "report.html").read_text()
     assert all(f'id="{name}"' in page for name in ("scene", "slices", "volume", "views", "refocus"))
-    assert re.search(r"experiment\.toml · measured \d{4}-\d\d-\d\d \d\d:\d\d UTC", page)
+    assert re.search(r"experiment\.toml · evaluated \d{4}-\d\d-\d\d \d\d:\d\d UTC", page)
     assert summary["versions"]["plenopiv"] == plenopiv.__version__
     assert summary["versions"]["numpy"] == np.__version__
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
