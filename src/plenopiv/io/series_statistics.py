@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from plenopiv.errors import PlenoPIVError, brief
-from plenopiv.hdf5 import contradiction, damage
-from plenopiv.io.beside import VELOCITY, unfinished, warn_of_others
-from plenopiv.io.netcdf import DIMS, check_velocity, write_dataset
+from plenopiv.errors import PlenoPIVError
+from plenopiv.hdf5 import damage
+from plenopiv.io.beside import VELOCITY
+from plenopiv.io.netcdf import DIMS, loaded, opened_velocity, write_dataset
 from plenopiv.statistics import Phases, PhaseStatistics, SeriesStatistics
 
 if TYPE_CHECKING:
@@ -48,28 +45,8 @@ def fields_of(results: str | Path) -> Iterator[tuple[int, int, xarray.Dataset]]:
     Raises:
         PlenoPIVError: missing, damaged, or no velocity field.
     """
-    import xarray
-
     path = velocity_file(results)
-    try:
-        wrong = damage(path, netcdf=True) if path.is_file() else None
-    except (OSError, ValueError):  # a name that none can have
-        wrong = None
-    if wrong is None:
-        raise PlenoPIVError(f"{path}: no such file; {unfinished(path.parent) or f'plenopiv run writes {VELOCITY}'}")
-    warn_of_others(path)
-    if wrong:
-        raise PlenoPIVError(f"{path}: is no velocity file or is damaged ({wrong[:100]})")
-    try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")  # of attributes that are not ours
-            opened = xarray.open_dataset(path, engine="h5netcdf", decode_times=False)
-    except Exception as error:  # HDF5, netCDF and decoding each fail in their own way
-        raise PlenoPIVError(f"{path}: is no velocity file or is damaged ({brief(error)})") from None
-    with opened as dataset:
-        if wrong := contradiction(dataset.variables):
-            raise PlenoPIVError(f"{path}: is no velocity file or is damaged ({wrong})")
-        check_velocity(path, dataset)
+    with opened_velocity(path) as dataset:
         if "pairs" in dataset:
             raise PlenoPIVError(
                 f"{path}: is of ensembles, means over the pairs of a phase or of all; give the results of plenopiv run"
@@ -79,11 +56,7 @@ def fields_of(results: str | Path) -> Iterator[tuple[int, int, xarray.Dataset]]:
         fields, pairs = dataset[wanted].transpose(*DIMS), dataset.sizes["time"]
         together = max(1, int(BLOCK_BYTES * pairs / max(fields.nbytes, 1)))
         for first in range(0, pairs, together):
-            try:
-                block = fields.isel(time=slice(first, first + together)).load()
-            except (OSError, RuntimeError, ValueError) as error:
-                last = min(first + together, pairs) - 1
-                raise PlenoPIVError(f"{path}: pairs {first} to {last} cannot be read ({brief(error)})") from None
+            block = loaded(path, fields.isel(time=slice(first, first + together)))
             for k in range(block.sizes["time"]):
                 yield first + k, pairs, block.isel(time=[k])
 

@@ -56,7 +56,8 @@ def dark_noise(lightfield: LightField) -> float:
 
 
 def noise_below(values: NDArray[np.float32]) -> float:
-    """The same of pixels ``values`` (n,) in counts above the black level."""
+    """The same of pixels ``values`` (n,) in counts above the black level. Of whole counts it is high by
+    1 / sqrt(1 - P(0)), as those that are 0 belong to the lower half too: 16 % at 1.5 counts."""
     below = values[values < 0]
     if not below.size:
         return 0.0
