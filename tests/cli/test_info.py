@@ -41,6 +41,12 @@ def test_statistics(tmp_path, phases):
     assert "mean -0.25 to -0.25 m/s; RMS 0.5 to 1 m/s" in said
 
 
+def test_a_file_of_others_is_no_statistics(tmp_path):
+    write_dataset(tmp_path / "other.nc", xarray.Dataset({f"{name}_rms": ("n", np.ones(3)) for name in "uvw"}), {})
+    with pytest.raises(PlenoPIVError, match=r"other\.nc: has no u, v, w, valid, so it is no velocity field"):
+        info(tmp_path / "other.nc")
+
+
 def test_images_of_every_kind(tmp_path):
     Image.fromarray(COUNTS).save(tmp_path / "dark.png")
     np.save(tmp_path / "dark.npy", COUNTS)

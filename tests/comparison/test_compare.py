@@ -131,6 +131,7 @@ def test_phases_are_matched_by_phase_and_equal_times_each_once(tmp_path):
         dataset["phase"] = "time", 120.0 * np.array(order), {"units": "degree"}
     found = plenopiv.compare(results(tmp_path / "a", a), results(tmp_path / "b", b))
     assert found.times == (3, 0, 0)
+    assert found.shown.when == "phase 0 degree"
     assert found.row("w").m_s.largest == 0
     one, other = (results(tmp_path / name, a.drop_vars("phase")) for name in ("c", "d"))
     assert plenopiv.compare(one, other).times == (3, 0, 0)
@@ -152,6 +153,10 @@ def test_times_that_only_number_pairs_are_no_seconds(tmp_path):
     a["time"].attrs["long_name"] = f"{NUMBERED}; the time between pairs is not known"
     found = plenopiv.compare(results(tmp_path / "a", a), results(tmp_path / "b", a))
     assert found.shown.when == "pair 1"
+    a = a.isel(time=[0]).assign(pairs=("time", [3]))
+    a["time"].attrs["long_name"] = f"mean over the pairs of: {NUMBERED}; the time between pairs is not known"
+    found = plenopiv.compare(results(tmp_path / "c", a), results(tmp_path / "d", a))
+    assert found.shown.when == "the mean over all pairs"
 
 
 @pytest.mark.parametrize("frame", ["camera", "laboratory"])

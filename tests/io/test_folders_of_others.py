@@ -3,12 +3,13 @@
 import errno
 import os
 import shutil
+import warnings
 
 import pytest
 from test_series_folder import INPUTS, PAIRS, contents, field, measure, session
 
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
-from plenopiv.io import into_place
+from plenopiv.io import aside
 from plenopiv.io.netcdf import read_velocity, write_velocity
 from plenopiv.io.series_file import pair_file
 from plenopiv.io.series_folder import WORK, SeriesFolder
@@ -62,13 +63,56 @@ def test_pairs_on_another_disk(tmp_path, monkeypatch):
             raise OSError(errno.EXDEV, "Invalid cross-device link", str(made), None, str(place))
         real(made, place)
 
-    monkeypatch.setattr(into_place.os, "replace", replace)
+    monkeypatch.setattr(aside.os, "replace", replace)
     assert session(tmp_path / "results")[0] == list(range(PAIRS))
     assert not (tmp_path / "results" / WORK).exists()
     assert session(tmp_path / "results")[0] == []
     monkeypatch.undo()
     session(tmp_path / "other")
     assert contents(tmp_path / "results") == contents(tmp_path / "other")
+
+
+def test_a_file_is_moved_by_a_copy_where_it_must(tmp_path, monkeypatch):
+    (tmp_path / "made").write_text("new")
+    (tmp_path / "place").write_text("old")
+    real = os.replace
+    names = []
+
+    def replace(made, place):
+        names.append(made.name)
+        if made.name == "made":
+            raise OSError(errno.EXDEV, "Invalid cross-device link")
+        real(made, place)
+
+    monkeypatch.setattr(aside.os, "replace", replace)
+    aside.moved(tmp_path / "made", tmp_path / "place")
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"place": "new"}
+    assert len(names) == 2
+    with pytest.raises(FileNotFoundError):
+        aside.moved(tmp_path / "none", tmp_path / "place")
+
+
+def test_copies_that_a_killed_run_left_are_swept(tmp_path):
+    session(tmp_path)
+    (tmp_path / "pairs" / ".pair-0001.nc.elsewhere-1.part").write_text("half")
+    session(tmp_path)
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_a_field_of_one_pair_is_told_of_too(tmp_path):
+    with SeriesFolder(tmp_path) as folder:
+        folder.begin(INPUTS)
+        folder.settle({**INPUTS, "calibration": {}})
+        write_velocity(folder.path("velocity.nc"), field(0))
+        folder.store({"pair": 0, "set_aside": None}, ["velocity.nc"])
+        folder.write_text("summary.json", "{}")
+        folder.publish(["summary.json"], {**INPUTS, "calibration": {}})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_velocity(tmp_path / "velocity.nc")
+    write_velocity(tmp_path / "velocity.nc", field(0, 7.0))
+    with pytest.warns(PlenoPIVWarning, match=r"velocity\.nc: is not as it was written"):
+        read_velocity(tmp_path / "velocity.nc")
 
 
 def test_a_velocity_file_that_is_not_its_run_s_is_told_of(tmp_path):
@@ -78,5 +122,5 @@ def test_a_velocity_file_that_is_not_its_run_s_is_told_of(tmp_path):
     changed["u"][0, 0, 0, 0] = 9.0
     write_velocity(tmp_path / "velocity.nc", changed)
     for read in (lambda: read_velocity(tmp_path / "velocity.nc"), lambda: next(fields_of(tmp_path))):
-        with pytest.warns(PlenoPIVWarning, match=r"velocity\.nc: is not as its run wrote it: changed since, or dam"):
+        with pytest.warns(PlenoPIVWarning, match=r"velocity\.nc: is not as it was written: changed since, or dam"):
             read()

@@ -35,6 +35,7 @@ def test_a_page_names_the_pair_that_it_shows(tmp_path, monkeypatch):
     for words in ("middle, of pair 2", "replaced, of pair 2", "Uncertainty, of pair 2", "vectors, of pair 2 of 3;"):
         assert words in said.replace("Through the ", ""), words
     assert "of the first" not in said
+    assert "counted from 1 here, from 0 in summary.json" in said
 
 
 def test_times_that_only_number_pairs_are_not_shown_as_seconds(tmp_path, monkeypatch):
@@ -112,3 +113,4 @@ def test_joined_pixels_stay_where_they_are(count):
         place = (np.argmax(found[0]) + 0.5) / found.shape[1] * count
         assert abs(place - (at + 0.5)) <= 0.5 * count / found.shape[1] + 0.5
     assert np.isnan(joined(np.full((900, 2), np.nan), 420)).all()
+    assert (joined(np.where(np.arange(900)[:, None] % 2, np.nan, 1.0), 450) == 1.0).all()  # dark, not unseen

@@ -312,6 +312,8 @@ def test_options_that_do_not_go_together(folder, options, words, capsys):
 
 
 def test_threads_and_memory_of_workers():
+    assert local_cluster.settings(1, folder="/scratch")["temporary-directory"] == "/scratch"
+    assert "temporary-directory" not in local_cluster.settings(1)
     assert local_cluster.settings(3)["distributed.nanny.pre-spawn-environ"] == {
         "NUMBA_NUM_THREADS": "3",
         "OMP_NUM_THREADS": "3",

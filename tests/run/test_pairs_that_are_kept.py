@@ -89,6 +89,11 @@ def test_frames_that_were_exchanged_are_found_where_size_and_time_are_equal(tmp_
     read.clear()
     assert changed_frame(recording, record) is None
     assert read == []
+    pages = [SimpleNamespace(name=f"run.tif {k}", path=tmp_path / "0.tif") for k in range(2)]
+    recording.frames = pages  # of one file, which cannot be exchanged without a trace
+    record["frames"] = [read_entry(frame_entry(page), image) for page, image in zip(pages, images, strict=True)]
+    assert changed_frame(recording, record) is None
+    assert read == []
 
 
 @pytest.mark.parametrize("pairs", [1, 2])

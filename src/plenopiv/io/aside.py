@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import re
+import shutil
 import socket
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
@@ -47,6 +49,31 @@ def is_being_written(aside: Path) -> bool:
     except OSError:  # another user's
         return True
     return True
+
+
+def sweep_asides(folder: Path, pattern: str = ".*.part") -> None:
+    """Remove what killed processes left half written in a folder, if there is one."""
+    for path in folder.glob(pattern):
+        if not is_being_written(path):
+            with suppress(OSError):
+                path.unlink()
+
+
+def moved(made: Path, place: Path) -> None:
+    """Move a file in one step; by a copy where ``place`` lies on another disk, as where a folder is a link.
+
+    Raises:
+        OSError: it cannot be written.
+        PlenoPIVError: so cannot the copy.
+    """
+    try:
+        os.replace(made, place)
+    except OSError as error:
+        if error.errno != errno.EXDEV:
+            raise
+        with written_aside(place) as aside:
+            shutil.copyfile(made, aside)
+        made.unlink()
 
 
 class Unfailing(io.RawIOBase):

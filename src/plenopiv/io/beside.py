@@ -62,11 +62,13 @@ def unfinished(directory: Path) -> str:
 
 
 def warn_of_others(path: Path) -> None:
-    """Warn where a ``velocity.nc`` is another one than its run wrote (damaged, or changed since), or of results that an
+    """Warn where a ``velocity.nc`` is another one than was written (damaged, or changed since), or of results that an
     unfinished run is about to replace."""
-    made = Manifest.read(path.parent / manifests.NAME)
-    if made is not None and path.name in made.files and not manifests.is_whole(path, made.files[path.name]):
-        words = f"{path}: is not as its run wrote it: changed since, or damaged; the same plenopiv run makes it again"
+    made = Manifest.read(path.parent / manifests.NAME) or Manifest()
+    records = made.pairs.values() if len(made.pairs) == 1 else ()  # the field of one pair alone is its own
+    hashed = {name: digest for record in records for name, digest in record["files"].items()} | made.files
+    if path.name in hashed and not manifests.is_whole(path, hashed[path.name]):
+        words = f"{path}: is not as it was written: changed since, or damaged; the command that made it makes it again"
         warnings.warn(words, PlenoPIVWarning, stacklevel=3)
     if words := unfinished(path.parent):
         warnings.warn(f"{path}: is of earlier results: {words}", PlenoPIVWarning, stacklevel=3)

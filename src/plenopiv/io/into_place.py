@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import errno
 import os
-import shutil
 from pathlib import Path
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io import manifest as manifests
-from plenopiv.io.aside import sync_names, written_aside
+from plenopiv.io.aside import moved, sync_names
 from plenopiv.io.manifest import Manifest
 from plenopiv.io.output import COMPLETE
 
@@ -44,23 +42,6 @@ def move_into_place(made: Manifest, work: Path, directory: Path) -> Manifest | N
         where = error.filename2 or error.filename or directory
         raise PlenoPIVError(f"{where}: cannot be written ({error.strerror})") from None
     return before
-
-
-def moved(made: Path, place: Path) -> None:
-    """Move a file in one step; by a copy where ``place`` lies on another disk, as where a folder is a link.
-
-    Raises:
-        OSError: it cannot be written.
-        PlenoPIVError: so cannot the copy.
-    """
-    try:
-        os.replace(made, place)
-    except OSError as error:
-        if error.errno != errno.EXDEV:
-            raise
-        with written_aside(place) as aside:
-            shutil.copyfile(made, aside)
-        made.unlink()
 
 
 def files_of(made: Manifest) -> set[str]:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from plenopiv.errors import PlenoPIVError, told_of
+from plenopiv.io.aside import moved
 from plenopiv.io.lock import FolderLock
 from plenopiv.io.made_folders import MadeFolders
 
@@ -104,7 +105,7 @@ class OutputFolder:
                 # Between the moves the folder must not pass for a complete run.
                 (self.directory / COMPLETE[-1]).unlink(missing_ok=True)
             for name in staged:
-                os.replace(self._stage / name, self.directory / name)
+                moved(self._stage / name, self.directory / name)
         except OSError as error:
             raise PlenoPIVError(f"{self.directory}: cannot be written ({error.strerror})") from None
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from plenopiv.errors import PlenoPIVError, told_of
 from plenopiv.io import manifest as manifests
-from plenopiv.io.aside import is_being_written, written_aside
+from plenopiv.io.aside import sweep_asides, written_aside
 from plenopiv.io.beside import INPUTS, WORK, warn_of_earlier
 from plenopiv.io.into_place import move_into_place
 from plenopiv.io.lock import FolderLock
@@ -227,10 +227,11 @@ class SeriesFolder:
     def check_whole(self) -> None:
         """Raise PlenoPIVError where the folder is not this run's any more, or a finished pair's file is another one."""
         self._check_mine()
-        for record in self.finished.values():
-            for name, hashed in record["files"].items():
-                if not is_whole(path := self.there(name), hashed):
-                    raise PlenoPIVError(f"{path}: {_wrong(path)} since its pair was measured; begin the command again")
+        listed = {name: digest for record in self.finished.values() for name, digest in record["files"].items()}
+        for name, digest in listed.items():
+            if name.endswith(".h5") or is_whole(path := self.there(name), digest):
+                continue  # of kept volumes, which are large, nothing is put together
+            raise PlenoPIVError(f"{path}: {_wrong(path)} since its pair was measured; begin the command again")
 
     def _check_mine(self) -> None:
         if not self.is_mine:
@@ -300,10 +301,11 @@ class SeriesFolder:
 
     def _sweep(self) -> None:
         """End what a killed run left: files half written, and moves."""
-        strays = [path for path in self.directory.glob(".*.part") if not is_being_written(path)]  # by other commands
-        for path in [*self.work.rglob(".*.part"), *strays]:
+        for path in self.work.rglob(".*.part"):
             with suppress(OSError):
                 path.unlink()
+        for folder in (self.directory, self.directory / "pairs"):  # where other commands write, too
+            sweep_asides(folder)
         sweep_stages(self.directory)
         shutil.rmtree(self.directory / GONE, ignore_errors=True)
         if (self.work / manifests.NAME).exists():

@@ -33,7 +33,8 @@ def holds_statistics(path: Path) -> bool:
         if damage(path, netcdf=True):
             return False
         with h5py.File(path, "r") as file:
-            return all(f"{name}_rms" in file for name in "uvw")
+            wanted = [*"xyz", *(f"{name}_{what}" for name in "uvw" for what in ("mean", "rms"))]
+            return all(name in file for name in wanted)
     except (OSError, ValueError, AttributeError):
         return False
 

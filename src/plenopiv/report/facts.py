@@ -100,7 +100,8 @@ def _ranges(experiment: Experiment, dataset: xarray.Dataset, pairs: int, number:
     head = "".join(f"<th>{plain(text)}</th>" for text in HEAD)
     body = "".join("<tr>" + "".join(f"<td>{plain(text)}</td>" for text in row) + "</tr>" for row in rows)
     which = f", of {named(dataset, number, pairs)}" if pairs > 1 else ""
-    words = f"Lowest to highest of all vectors{which}; error bar: one standard deviation."
+    counted = " Pairs are counted from 1 here, from 0 in summary.json and names of files." if number else ""
+    words = f"Lowest to highest of all vectors{which}; error bar: one standard deviation.{counted}"
     return (
         f'<div class="wide"><table class="facts"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
         f'<p class="run">{plain(words)}</p>'

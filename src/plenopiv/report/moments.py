@@ -110,8 +110,8 @@ def named(field: xarray.Dataset, number: int, count: int | None = None) -> str:
 
 
 def are_numbered(field: xarray.Dataset) -> bool:
-    """Whether its times only number the pairs of a double-frame camera."""
-    return "time" in field.coords and str(field["time"].attrs.get("long_name", "")).startswith(NUMBERED)
+    """Whether its times, or those that they are means of, only number the pairs of a double-frame camera."""
+    return "time" in field.coords and NUMBERED in str(field["time"].attrs.get("long_name", ""))
 
 
 def _named(one: xarray.Dataset, number: int, count: int) -> str:

@@ -106,8 +106,7 @@ def compare(a: str | Path, b: str | Path, progress: Progress | None = None) -> C
             if differences.add(before, after) and shown is None:
                 axes = [first[axis].values.astype(float)[getattr(overlap, axis).inside] for axis in "xyz"]
                 time_s = float(first["time"].values[k])
-                when = f"pair {k + 1}" if are_numbered(first) else f"time {time_s:.6g} s"
-                shown = Shown(time_s, when, (axes[0], axes[1], axes[2]), before, after)
+                shown = Shown(time_s, _when(first, k), (axes[0], axes[1], axes[2]), before, after)
         report("comparison", len(pairs), len(pairs))
         if shown is None:
             raise PlenoPIVError(f"{one.velocity}, {other.velocity}: no vector was measured in both")
@@ -130,6 +129,17 @@ def compare(a: str | Path, b: str | Path, progress: Progress | None = None) -> C
         shown,
         "laboratory" in (field.attrs.get("frame") for field in (first, second)),
     )
+
+
+def _when(dataset: xarray.Dataset, number: int) -> str:
+    """Which time of a field that is, in words."""
+    if "phase" in variables_of_time(dataset):
+        return f"phase {float(dataset['phase'].values[number]):.6g} {units_of(dataset['phase'])}".removesuffix(" 1")
+    if "pairs" in variables_of_time(dataset):
+        return "the mean over all pairs"
+    if are_numbered(dataset):
+        return f"pair {number + 1}"
+    return f"time {float(dataset['time'].values[number]):.6g} s"
 
 
 def _same_frame(a: Path, first: xarray.Dataset, b: Path, second: xarray.Dataset) -> None:

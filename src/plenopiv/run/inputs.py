@@ -142,15 +142,16 @@ def read_entry(entry: Mapping[str, Any], image: NDArray) -> dict[str, Any]:
 def changed_frame(recording: Recording, record: Mapping[str, Any]) -> str | None:
     """What changed of the frames of a pair since they were measured; None where nothing did.
 
-    An image is read where the size or the time of its file is another one, and where another frame of the pair had the
-    same ones: they may be exchanged. A lost frame may have been mended by a copy of the same size and time: there the
-    file's change is enough. A file that is gone tells nothing.
+    An image is read where the size or the time of its file is another one, and where the file of the pair's other frame
+    had the same ones: they may be exchanged. A lost frame may have been mended by a copy of the same size and time:
+    there the file's change is enough. A file that is gone tells nothing.
     """
     pair = recording.pairs[record["pair"]]
     was, now = [entry["name"] for entry in record["frames"]], [recording.frames[k].name for k in pair]
     if was != now:
         return f"pair {record['pair']} was {was[0]} and {was[1]}, is {now[0]} and {now[1]}"
-    alike = len({(entry.get("bytes"), entry.get("mtime_ns")) for entry in record["frames"]}) < len(pair)
+    files = {recording.frames[k].path for k in pair}  # one alone where they are pages or halves
+    alike = len({(entry.get("bytes"), entry.get("mtime_ns")) for entry in record["frames"]}) < len(files)
     for k, entry in zip(pair, record["frames"], strict=True):
         found = frame_entry(recording.frames[k])
         told = ("bytes", "mtime_ns") if entry["sha256"] else ("bytes", "mtime_ns", "ctime_ns")

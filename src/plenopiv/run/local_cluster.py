@@ -41,10 +41,10 @@ def environment(threads: int) -> dict[str, str]:
     return dict.fromkeys(THREADS, str(threads))
 
 
-def settings(threads: int, preloaded: Sequence[str] = ()) -> dict[str, Any]:
+def settings(threads: int, preloaded: Sequence[str] = (), folder: str | None = None) -> dict[str, Any]:
     """Dask's settings: threads are set before workers start, frames are not spilled to disk (few are held at a time),
     no worker pauses, none samples what it does, and each loads the kernels' modules at once, beside what a user has
-    it load (``preloaded``)."""
+    it load (``preloaded``). What Dask writes goes into a ``folder``."""
     return {
         "distributed.nanny.pre-spawn-environ": environment(threads),
         "distributed.scheduler.allowed-failures": DEATHS,
@@ -55,6 +55,7 @@ def settings(threads: int, preloaded: Sequence[str] = ()) -> dict[str, Any]:
         "distributed.worker.memory.terminate": TERMINATED,
         "distributed.worker.profile.enabled": False,
         "distributed.worker.preload": ["plenopiv.run.on_worker", *preloaded],
+        **({"temporary-directory": folder} if folder else {}),
     }
 
 
@@ -67,7 +68,7 @@ def main(asked: Mapping[str, Any]) -> None:
     import dask
     from distributed import LocalCluster  # and Dask's settings with it
 
-    with dask.config.set(settings(asked["threads"], dask.config.get("distributed.worker.preload"))):
+    with dask.config.set(settings(asked["threads"], dask.config.get("distributed.worker.preload"), asked["folder"])):
         cluster = LocalCluster(
             n_workers=asked["count"],
             threads_per_worker=1,

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
@@ -21,9 +20,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plenopiv.chain import Chain
-from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable, told_of
+from plenopiv.errors import PlenoPIVError, PlenoPIVWarning, printable
 from plenopiv.experiment import Experiment
 from plenopiv.experiment.tracking_table import TrackingTable
+from plenopiv.io.aside import sweep_asides, written_aside
 from plenopiv.io.manifest import hash_of, is_whole
 from plenopiv.io.netcdf import read_velocity
 from plenopiv.io.output import plain
@@ -97,6 +97,7 @@ def track(
     report = progress or (lambda stage, done, total: None)
     path, clock = experiment.output_directory / FILE, Clock()
     table = experiment.tracking or TrackingTable()
+    sweep_asides(path.parent, f".{FILE}.*.part")
     if path.exists() and not overwrite and not (path.parent / FOLDER).exists():
         raise PlenoPIVError(f"{path}: is already there; use --overwrite, or another output.directory")
     if workers is not None and table.method == METHOD:
@@ -168,7 +169,7 @@ def track(
                 if len(left) > 1:
                     report("pairs", done, len(left))
         except BaseException:
-            if folder.finished:
+            if folder.finished and folder.is_mine:
                 done = len(folder.finished)
                 log.info("%d of %d pairs are finished and kept; the same command goes on from there", done, count)
             raise
@@ -246,8 +247,6 @@ def _put_together(
         files.append("velocity.nc")
     measured = map(read_velocity, fields.values()) if fields else [tracks]
     moved = [largest(each, chain.grid.voxel_mm, recording.dt_s) for each in measured]
-    staged = path.with_name(f".{FILE}.part")  # the old ones stay until all else is there
-    write_tracks(staged, tracks)
     names = recording.names
     particles = {
         names[k]: n for r in tracked for k, n in zip(recording.pairs[r["pair"]], r["numbers"]["particles"], strict=True)
@@ -270,12 +269,12 @@ def _put_together(
         "seconds": clock.seconds,
         "peak_gb": clock.peak_gb,
         "inputs_sha256": folder.depends,
-        "tracks_sha256": hash_of(staged),
     }
-    folder.write_text("summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
-    folder.publish(files, inputs)
-    with told_of(path):
-        os.replace(staged, path)
+    with written_aside(path) as staged:  # the old ones stay until all else is there
+        write_tracks(staged, tracks)
+        summary["tracks_sha256"] = hash_of(staged)
+        folder.write_text("summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
+        folder.publish(files, inputs)
     return summary
 
 
