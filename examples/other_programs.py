@@ -21,9 +21,10 @@ folder = Path(sys.argv[1] if len(sys.argv) > 1 else "ring")
 velocity = read_velocity(folder / "results" / "velocity.nc")  # dims (time, z, y, x); mm and m/s
 
 write_vtkhdf(folder / "velocity.vtkhdf", velocity)  # ParaView: File > Open; PyVista: pyvista.get_reader
+axes = ("time, " if velocity.sizes["time"] > 1 else "") + "z, y, x"
 with h5py.File(folder / "velocity.vtkhdf") as file:
     for name, values in file["VTKHDF/PointData"].items():
-        print(f"velocity.vtkhdf  {name:12} {values.shape} (time, z, y, x{', component' * (values.ndim > 4)})")
+        print(f"velocity.vtkhdf  {name:12} {values.shape} ({axes}, component)")
 
 z = float(velocity.z[velocity.sizes["z"] // 2])
 write_openpiv(folder / "plane.txt", velocity, z_mm=z)

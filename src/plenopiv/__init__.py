@@ -21,6 +21,8 @@ __all__ = ["PlenoPIVError", "PlenoPIVWarning", "compare", "correlate", "load", "
 from plenopiv.errors import PlenoPIVError, PlenoPIVWarning
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import xarray
 
     from plenopiv.comparison import Comparison
@@ -35,11 +37,12 @@ def load(path: str) -> Experiment:
     return Experiment.load(path)
 
 
-def process(experiment: Experiment, **options: Any) -> RunResult:
-    """Run an experiment from raw images to a results folder; see ``plenopiv.run.series.run``."""
+def process(experiment: Experiment | str | Path, **options: Any) -> RunResult:
+    """Run an experiment, or that of a file, from raw images to a results folder; see ``plenopiv.run.series.run``."""
+    from plenopiv.experiment import Experiment
     from plenopiv.run.series import run as run_series
 
-    return run_series(experiment, **options)
+    return run_series(experiment if isinstance(experiment, Experiment) else Experiment.load(experiment), **options)
 
 
 def compare(a: str, b: str) -> Comparison:

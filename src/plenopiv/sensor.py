@@ -22,6 +22,7 @@ from plenopiv.errors import PlenoPIVError, check_positive
 
 Orientation = Literal["upright", "sensor"]
 Alignment = Literal["low", "high"]
+MOST_BITS = 16  # of a count in a file
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,11 @@ class Sensor:
         check_positive("sensor", pixel_pitch_mm=self.pixel_pitch_mm)
         if not isfinite(self.black_level):
             raise PlenoPIVError(f"sensor: black_level = {self.black_level}, give the counts of a dark pixel")
+        if self.bit_depth > MOST_BITS or self.black_level >= self.full_scale:
+            raise PlenoPIVError(
+                f"sensor: {self.bit_depth} bits and a black level of {self.black_level:g}; files hold {MOST_BITS} bits "
+                "at most, and a dark pixel is below full scale"
+            )
         if self.alignment not in get_args(Alignment):
             raise PlenoPIVError(f'sensor: alignment = {self.alignment!r}, give "low" or "high"')
 

@@ -8,7 +8,7 @@ from math import ceil, isfinite
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from plenopiv.errors import PlenoPIVError
 
@@ -86,6 +86,21 @@ class VoxelGrid:
             (f - d / 2, f + (n - 0.5) * d) for f, d, n in zip(self.first_mm, self.voxel_mm, (nx, ny, nz), strict=True)
         )
         return x, y, z
+
+
+def as_points(of: str, position_mm: ArrayLike) -> NDArray[np.float64]:
+    """Points (n, 3) in mm, of one (3,) or none too. Raises PlenoPIVError, which says ``of`` what, for another shape."""
+    points = np.asarray(position_mm, np.float64)
+    if points.size and (points.ndim > 2 or points.shape[-1] != 3):
+        raise PlenoPIVError(f"{of}: points of shape {points.shape}, give x, y, z of each: (n, 3)")
+    return np.ascontiguousarray(points.reshape(-1, 3))
+
+
+def check_limits(of: str, limits_mm: Limits) -> None:
+    """Raise PlenoPIVError, which says ``of`` what, for limits that are no three rising pairs."""
+    limits = np.asarray(limits_mm, np.float64)
+    if limits.shape != (3, 2) or not (limits[:, 0] < limits[:, 1]).all():
+        raise PlenoPIVError(f"{of}: limits {limits_mm}, give lowest and highest x, y and z: three rising pairs")
 
 
 def within(points_mm: NDArray[np.float64], limits_mm: Limits) -> NDArray[np.bool_]:

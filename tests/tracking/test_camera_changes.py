@@ -11,6 +11,7 @@ from plenopiv.simulation.pinhole_images import pinhole_image
 from plenopiv.tracking.camera_changes import (
     FEWEST,
     NUMBERS,
+    apart_px,
     changed,
     pixels_by_number,
     roughly,
@@ -176,6 +177,27 @@ def test_cameras_that_are_wrong_are_found_with_the_particles(size_px):
     assert (found.fitted, found.hidden) == (12, 16)
 
 
+@pytest.mark.parametrize("seed", [2, 5])
+def test_where_the_usual_number_of_spots_is_too_few_others_are_tried(seed):
+    """Dense particles in small images: the brightest are not the same in all cameras."""
+    sensor, turns, cameras, off = Sensor(200, 180, 0.0055, 12, 0.0), np.random.default_rng(seed), [], []
+    limits, rng = ((-1.0, 1.4), (-1.1, 0.9), (-0.7, 0.9)), np.random.default_rng(3)
+    place = [rng.uniform(*np.transpose(limits), (count, 3)) for count in (350, 450)][1]
+    for y, x in ((-20.0, -15.0), (20.0, 20.0), (-20.0, 20.0), (20.0, -20.0)):
+        stands = {"scale_mm_px": 0.0176, "distance_mm": 300.0, "about_y_deg": y, "about_x_deg": x}
+        camera = looking_at((0.2, -0.1, 0.1), sensor, **stands)
+        each_px = np.sqrt((pixels_by_number(camera, place) ** 2).sum(1).mean(0))
+        turned = np.zeros(NUMBERS)
+        turned[:2] = 2.0 * turns.normal(size=2) / each_px[:2] / np.sqrt(2)
+        cameras.append(camera)
+        off.append(changed(camera, turned))
+    of_points = PinholeLights(off, DIAMETER_PX / 4)
+    found = self_calibrated(of_points, pixels(place, 1, cameras), pixels(place + 0.05, 2, cameras), limits)
+    assert apart_px(cameras, off, place) > 1.2
+    assert found.corrected
+    assert apart_px(cameras, found.cameras, place) < 0.01
+
+
 def test_cameras_that_are_right_stay():
     found = self_calibrated(
         PinholeLights(CAMERAS, DIAMETER_PX / 4), pixels(points(seed=3), 3), pixels(points(seed=4), 4), LIMITS
@@ -205,7 +227,7 @@ def test_lines_of_sight_that_miss_by_pixels_are_brought_together():
 def test_too_few_particles_are_told():
     few = points(20)
     of_points = PinholeLights(CAMERAS, DIAMETER_PX / 4)
-    with pytest.raises(PlenoPIVError, match=f"particles are seen by all cameras, give {FEWEST}"):
+    with pytest.raises(PlenoPIVError, match=f"particles are seen by all cameras, and {FEWEST} are needed"):
         self_calibrated(of_points, pixels(few, 3), pixels(few, 4), LIMITS)
 
 

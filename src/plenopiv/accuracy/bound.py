@@ -32,6 +32,7 @@ from scipy.sparse import csr_array
 from plenopiv.accuracy.point_light import PointLight, point_light
 from plenopiv.cameras.plenoptic import PlenopticCamera
 from plenopiv.errors import PlenoPIVError
+from plenopiv.volume import as_points
 
 Array = NDArray[np.float64]
 SINGULAR = 1e-12  # share of a parameter's information that counts as none
@@ -138,7 +139,7 @@ def position_bound(
     if not electrons > 0:
         raise PlenoPIVError(f"accuracy: electrons = {electrons}, give the positive number that a particle frees in all")
     light = point_light(camera, position_mm)
-    others = np.empty((0, 3)) if neighbours_mm is None else np.asarray(neighbours_mm, np.float64).reshape(-1, 3)
+    others = np.empty((0, 3)) if neighbours_mm is None else as_points("accuracy", neighbours_mm)
     brightness = np.broadcast_to(electrons if neighbour_electrons is None else neighbour_electrons, len(others))
     lights, light_of = [light], [float(electrons)]
     for other, own in zip((point_light(camera, p) for p in others), brightness, strict=True):

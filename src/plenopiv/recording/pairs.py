@@ -154,7 +154,7 @@ def _without_braces(pattern: str, why: str) -> None:
         raise PlenoPIVError(f"recording.pairs: {pattern!r}: {why}, so there are no braces")
 
 
-def find_frames(folder: Path, pattern: str, leave_out: Path | Sequence[Path] | None = None) -> tuple[Path, ...]:
+def find_frames(folder: str | Path, pattern: str, leave_out: Path | Sequence[Path] | None = None) -> tuple[Path, ...]:
     """Files of a glob in natural order (a2 before a10), without ``leave_out`` (white image, dark, background), and
     without hidden ones where the pattern begins with no dot.
 
@@ -164,6 +164,7 @@ def find_frames(folder: Path, pattern: str, leave_out: Path | Sequence[Path] | N
         PlenoPIVError: nothing matches, the pattern is none, or a file is a dark, background or white image by its name,
             which the pattern does not spell out.
     """
+    folder = Path(folder)
     files, dataset = formats.split(Path(pattern))
     if not files.name:  # "." or "/", of which pathlib makes no pattern
         raise PlenoPIVError(

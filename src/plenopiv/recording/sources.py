@@ -228,9 +228,9 @@ def frame_source(name: Path) -> ImageSource:
     return found[0] if len(found) == 1 else only_source(name)
 
 
-def read_image(path: Path, sensor: Sensor | None = None) -> NDArray[np.uint16]:
+def read_image(path: str | Path, sensor: Sensor | None = None) -> NDArray[np.uint16]:
     """Counts of the one image of a file (``ImageSource.counts``)."""
-    return only_source(path).counts(sensor)
+    return only_source(Path(path)).counts(sensor)
 
 
 def image_size(path: Path) -> tuple[int, int]:

@@ -116,6 +116,10 @@ def run(
             What was finished before is kept.
     """
     report = progress or (lambda stage, done, total: None)
+    if pairs is not None and not (len(pairs) == 2 and 0 <= pairs[0] <= pairs[1]):
+        raise PlenoPIVError(f"pairs: {pairs}, give the first and the last one, counted from 0")
+    if memory_gb is not None and not memory_gb > 0:
+        raise PlenoPIVError(f"memory: {memory_gb} GB, give a positive number")
     clock, experiment = Clock(), experiment.on_device(device)
     computing = device_of(experiment.compute.device, experiment.compute.device_memory_gb)
     begin, end = (0, None) if pairs is None else (pairs[0], pairs[1] + 1)

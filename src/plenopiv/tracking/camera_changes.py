@@ -38,7 +38,8 @@ SAMPLE = 400  # points by which changes are weighed
 FEWEST = 100  # particles
 SEARCHES, LITTLE_PX = 4, 0.02  # of particles at most, and until cameras change by less
 ALIKE_PX, CERTAIN = 0.05, 5.0  # or so many standard deviations, by which the fits to two frames may differ
-ROUGH_PX, BY_CHANCE = 4.0, 0.15  # by which lines of sight may miss at first; spots as near to any place by chance
+ROUGH_PX, BY_CHANCE = 4.0, 0.15  # by which lines of sight may miss at first; spots as near to any place by chance, ...
+TIMES = 1.0, 2.0, 0.5, 4.0  # ... or so many times as many, where the brightest are not the same in all cameras
 CLOSE_PX, ROUGH_STEPS = 0.5, 20  # beyond which what is left counts less; reweighted so often
 STEP_PX = 0.05  # by which images are shifted for a derivative
 
@@ -146,9 +147,11 @@ class _Fitted(NamedTuple):
 
 def _fitted(of_points: PinholeLights, pixels: Pixels, limits_mm: Limits) -> _Fitted:
     """Particles are searched anew as cameras that are less wrong show more of them."""
-    now, steps = roughly(of_points, pixels, limits_mm), 0
-    for _ in range(SEARCHES):
-        seen = _seen(now, pixels, limits_mm)
+    now, seen = _begun(of_points, pixels, limits_mm)
+    steps = 0
+    for search in range(SEARCHES):
+        if search:
+            seen = _seen(now, pixels, limits_mm)
         changes = visible_changes(now, seen.position_mm)
         found, some = settle(changes, seen, now.prior_std_mm)
         now, steps = changes.lights(found.amounts), steps + some
@@ -157,15 +160,31 @@ def _fitted(of_points: PinholeLights, pixels: Pixels, limits_mm: Limits) -> _Fit
     return _Fitted(now, seen, changes, found.std, steps)
 
 
-def roughly(of_points: PinholeLights, pixels: Pixels, limits_mm: Limits) -> PinholeLights:
+def _begun(of_points: PinholeLights, pixels: Pixels, limits_mm: Limits) -> tuple[PinholeLights, Seen]:
+    """Cameras that are roughly right, and the particles that they show, enough of them.
+
+    Raises:
+        PlenoPIVError: too few, however many spots are taken.
+    """
+    few: list[PlenoPIVError] = []
+    for times in TIMES:
+        now = roughly(of_points, pixels, limits_mm, times * BY_CHANCE)
+        try:
+            return now, _seen(now, pixels, limits_mm)
+        except PlenoPIVError as error:
+            few.append(error)
+    raise few[0]
+
+
+def roughly(of_points: PinholeLights, pixels: Pixels, limits_mm: Limits, by_chance: float = BY_CHANCE) -> PinholeLights:
     """The same with cameras changed so that lines of sight to the brightest spots cross, which by now may miss one
-    another by ``ROUGH_PX``: spots so few that hardly any is near another's line by chance. Least squares that count
-    what is far less (Cauchy)."""
+    another by ``ROUGH_PX``: spots so few that ``by_chance`` are near a place by chance. Least squares that count what
+    is far less (Cauchy)."""
     spots = []
     excess = of_points.images(_above(of_points, pixels) / _dark(pixels))
     for image, spread, camera in zip(excess, of_points.image_px, of_points.cameras, strict=True):
         at, score = bright_spots(image, spread, LEAST)
-        few = int(BY_CHANCE * camera.sensor.columns * camera.sensor.rows / (np.pi * ROUGH_PX**2))
+        few = int(by_chance * camera.sensor.columns * camera.sensor.rows / (np.pi * ROUGH_PX**2))
         brightest = np.argsort(-score, kind="stable")[:few]
         spots.append((at[brightest], score[brightest]))
     place, _, which = of_spots(of_points.cameras, spots, limits_mm, ROUGH_PX)
@@ -207,8 +226,8 @@ def _seen(of_points: PinholeLights, pixels: Pixels, limits_mm: Limits) -> Seen:
     found = particles_of_frame(of_points, pixels, place, light, limits_mm)
     if len(found.light) < FEWEST:
         raise PlenoPIVError(
-            f"self-calibration: {len(found.light)} particles are seen by all cameras, give {FEWEST}: more seeding or "
-            f"light, or cameras that are wrong by less than {ROUGH_PX:g} px"
+            f"self-calibration: {len(found.light)} particles are seen by all cameras, and {FEWEST} are needed: give "
+            "frames with other seeding (fewer where they are dense) or more light, or cameras that are less wrong"
         )
     image = of_points(found.position_mm).image(found.light, pixels.counts.size)
     return Seen(with_noise(pixels, image), found.position_mm, found.light)

@@ -28,7 +28,7 @@ from plenopiv.tracking.nearby import Smoothings, Solved
 from plenopiv.tracking.remainder import MEDIAN_SQUARE, Remainder
 from plenopiv.tracking.splines import Equations, Nodes, information, values_at
 from plenopiv.tracking.unresolved import Unresolved
-from plenopiv.volume import Limits, within
+from plenopiv.volume import Limits, check_limits, within
 
 REPEATS = 24  # fits to data with errors, for error bars
 SMOOTHINGS = -5.0, 4.0  # powers of ten that are tried, relative to the data's information on a coefficient ...
@@ -106,6 +106,7 @@ def field_from_tracks(
     """
     position, velocity, std = (np.asarray(each, np.float64) for each in (position_mm, velocity_m_s, std_m_s))
     known = known_tracks(position, velocity, std)
+    check_limits("tracking", limits_mm)
     if len(position) < LEAST_TRACKS or not step_mm > 0:
         raise PlenoPIVError(
             f"tracking: {len(position)} tracks and nodes {step_mm:g} mm apart make no field; give {LEAST_TRACKS} "
@@ -180,8 +181,11 @@ def known_tracks(position_mm: Array, velocity_m_s: Array, std_m_s: Array) -> NDA
     """Tracks (n,) whose positions, velocities and standard deviations (n, 3) are all finite.
 
     Raises:
-        PlenoPIVError: one of these has a standard deviation that is not positive.
+        PlenoPIVError: one of these has a standard deviation that is not positive; arrays of other shapes.
     """
+    shapes = {each.shape for each in (position_mm, velocity_m_s, std_m_s)}
+    if len(shapes) > 1 or position_mm.ndim != 2 or position_mm.shape[1] != 3:
+        raise PlenoPIVError(f"tracking: positions, velocities and std of shapes {sorted(shapes)}, give (n, 3) of each")
     known = np.isfinite(np.concatenate([position_mm, velocity_m_s, std_m_s], 1)).all(1)
     wrong = np.flatnonzero(known & (std_m_s <= 0).any(1))
     if len(wrong):

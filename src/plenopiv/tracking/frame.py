@@ -16,7 +16,7 @@ from plenopiv.tracking.light import LightOfPoints, Lights, check_number
 from plenopiv.tracking.pixels import Pixels, lit_by, with_noise
 from plenopiv.tracking.refine import Effort, Fit, Prior, add_light, first_light, refine
 from plenopiv.tracking.splits import crowded, near_any, splits
-from plenopiv.volume import Limits
+from plenopiv.volume import Limits, as_points, check_limits
 
 PASSES, KNOWN_PASSES = 8, 5  # of fitting and searching, at most; and where the first frame of a pair is known
 FIRST_STEPS, KNOWN_STEPS, STEPS = 4, 1, 3  # Gauss-Newton iterations of the first pass, and of those after it
@@ -79,6 +79,7 @@ def particles_of_frame(
         PlenoPIVError: there is no first guess, the pixels speak for no particle, or they are not as many as those of
             the cameras.
     """
+    check_limits("tracking", limits_mm)
     position_mm, light = _begun(of_points, pixels, position_mm, light)
     prior = Prior(position_mm, of_points.prior_std_mm)
     light = first_light(of_points, pixels, position_mm, light)
@@ -102,6 +103,7 @@ def particles_of_second_frame(
         PlenoPIVError: fewer than FEWEST of them are there, the pixels speak for no particle, or they are not as many
             as those of the cameras.
     """
+    check_limits("tracking", limits_mm)
     expected_mm, light = _begun(of_points, pixels, expected_mm, light)
     prior = Prior(expected_mm, of_points.prior_std_mm)
     fit = refine(of_points, pixels, expected_mm, light, prior, 0)
@@ -123,6 +125,9 @@ def check_pixels(of_points: LightOfPoints, pixels: Pixels) -> None:
 def _begun(of_points: LightOfPoints, pixels: Pixels, position_mm: Array, light: Array) -> tuple[Array, Array]:
     """Guesses of positions (n, 3) mm and light (n,) that are finite, neighbours near each other."""
     check_pixels(of_points, pixels)
+    position_mm, light = as_points("tracking", position_mm), np.asarray(light, np.float64)
+    if light.shape != (len(position_mm),):
+        raise PlenoPIVError(f"tracking: light of shape {light.shape}, of {len(position_mm)} points; give one of each")
     known = np.isfinite(position_mm).all(1) & np.isfinite(light)
     position_mm, light = position_mm[known], light[known]
     if len(light) == 0:

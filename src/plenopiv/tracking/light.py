@@ -23,7 +23,7 @@ from plenopiv.tracking.light_kernels import LightConstants
 from plenopiv.tracking.search import places_of_light
 from plenopiv.tracking.soft_cells import LEAST, soft_cell, weights_of_sub_pixels
 from plenopiv.tracking.whole_cells import CellTables, cell_tables
-from plenopiv.volume import Limits
+from plenopiv.volume import Limits, as_points
 
 WAVELENGTH_NM = 532.0  # of the lasers that particles are lit by
 SHIFT_PLACES = 31  # of the main lens, at which a point's shifts of rays are taken
@@ -257,7 +257,7 @@ class PointLights:
         Raises:
             PlenoPIVError: a point is not in front of the main lens, or not a number.
         """
-        position = np.ascontiguousarray(position_mm, np.float64).reshape(-1, 3)
+        position = as_points("tracking", position_mm)
         nearest = self.camera.main_lens.object_distance_mm
         if not (np.isfinite(position).all() and (position[:, 2] < nearest).all()):
             raise PlenoPIVError(f"tracking: a particle is not in front of the main lens at z = {nearest:g} mm")

@@ -20,7 +20,7 @@ from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking.light import Lights, check_number
 from plenopiv.tracking.pinhole_search import LEAST, crossings
 from plenopiv.tracking.pixels import Pixels
-from plenopiv.volume import Limits
+from plenopiv.volume import Limits, as_points
 
 REACH = 4.0  # standard deviations of a particle's image; 6e-5 of the light lies beyond along each axis
 TOGETHER = 4096  # particles whose light is computed at a time
@@ -127,7 +127,7 @@ class PinholeLights:
         Raises:
             PlenoPIVError: a point is not in front of a camera, or not a number.
         """
-        position = np.asarray(position_mm, np.float64).reshape(-1, 3)
+        position = as_points("tracking", position_mm)
         parts = [self._some(position[low : low + TOGETHER]) for low in range(0, len(position), TOGETHER)]
         counts, pixel, share, gradient = (np.concatenate(each) for each in zip(self._none(), *parts, strict=True))
         return Lights(np.concatenate([[0], np.cumsum(counts)]), pixel, share, gradient, self.unit_mm)

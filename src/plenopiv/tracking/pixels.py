@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from plenopiv.errors import PlenoPIVError, check_positive
 from plenopiv.reconstruction.noise import QUANTUM
 
 Array = NDArray[np.float64]
@@ -52,7 +53,14 @@ class Pixels:
     ) -> Pixels:
         """The pixels of an upright image (rows, columns) in counts; those that are not finite are not used. ``dark``:
         standard deviation of a dark pixel, counts; ``unusable`` (rows, columns); ``static``: counts of static light
-        that were taken off."""
+        that were taken off.
+
+        Raises:
+            PlenoPIVError: an image of another shape; ``counts_per_electron`` that is not positive.
+        """
+        if np.ndim(image) != 2:
+            raise PlenoPIVError(f"tracking: an image of shape {np.shape(image)}, give (rows, columns)")
+        check_positive("tracking", counts_per_electron=counts_per_electron)
         known = np.asarray(image, np.float64).ravel()
         usable = np.isfinite(known) & (known < full_scale)
         if unusable is not None:

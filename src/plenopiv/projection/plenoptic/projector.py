@@ -112,6 +112,8 @@ class PlenopticProjector:
         Raises PlenoPIVError for another number of images, another shape, or a pixel that is no finite number.
         """
         sensor, shapes = self.layout.camera.sensor, [np.shape(image) for image in images]
+        if isinstance(images, np.ndarray) and images.ndim == 2:
+            raise PlenoPIVError("frame: one image, give a list of the cameras' images")
         if shapes != [(sensor.rows, sensor.columns)]:
             found = ", ".join(" x ".join(map(str, shape[::-1])) for shape in shapes) or "none"
             raise PlenoPIVError(
