@@ -107,5 +107,5 @@ def test_bad_noise_is_named():
         SensorNoise(gain=0.0)
     with pytest.raises(PlenoPIVError, match="read_noise"):
         SensorNoise(read_noise_electrons=-1.0)
-    with pytest.raises(PlenoPIVError, match="bit_depth"):
+    with pytest.raises(PlenoPIVError, match="20 bits"):
         digitise(np.zeros((2, 2)), Sensor(2, 2, 0.0055, 20, 0), SensorNoise(), np.random.default_rng(0))

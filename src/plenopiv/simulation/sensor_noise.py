@@ -40,8 +40,6 @@ def digitise(
     counts = black level + gain (Poisson(electrons) + read noise), rounded and clipped to 0 .. 2^bits - 1. The result is
     turned to ``orientation``.
     """
-    if sensor.bit_depth > 16:
-        raise PlenoPIVError(f"sensor: bit_depth = {sensor.bit_depth} does not fit 16-bit images, give 16 or less")
     counts = np.empty(electrons.shape, np.uint16)
     for first in range(0, electrons.shape[0], ROWS_AT_A_TIME):
         rows = slice(first, first + ROWS_AT_A_TIME)
