@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from plenopiv.errors import PlenoPIVError, check_positive
+from plenopiv.errors import PlenoPIVError
 from plenopiv.reconstruction.noise import QUANTUM
 
 Array = NDArray[np.float64]
@@ -56,11 +56,12 @@ class Pixels:
         that were taken off.
 
         Raises:
-            PlenoPIVError: an image of another shape; ``counts_per_electron`` that is not positive.
+            PlenoPIVError: an image of another shape; ``counts_per_electron`` that is negative.
         """
         if np.ndim(image) != 2:
             raise PlenoPIVError(f"tracking: an image of shape {np.shape(image)}, give (rows, columns)")
-        check_positive("tracking", counts_per_electron=counts_per_electron)
+        if not 0.0 <= counts_per_electron < np.inf:  # 0 where a white image tells of no shot noise
+            raise PlenoPIVError(f"tracking: counts_per_electron = {counts_per_electron}, give 0 or more")
         known = np.asarray(image, np.float64).ravel()
         usable = np.isfinite(known) & (known < full_scale)
         if unusable is not None:
