@@ -68,5 +68,5 @@ def test_pixels_are_of_one_image():
     with pytest.raises(PlenoPIVError, match=r"tracking: an image of shape \(2, 5, 5\), give \(rows, columns\)"):
         Pixels.of_image(np.ones((2, 5, 5)), 0.0, 4095.0, 1.5, 0.5)
     for wrong in (-1.0, np.nan):
-        with pytest.raises(PlenoPIVError, match="tracking: counts_per_electron = .*, give 0 or more"):
+        with pytest.raises(PlenoPIVError, match=r"tracking: counts_per_electron = .*, give 0 or more"):
             Pixels.of_image(np.ones((5, 5)), 0.0, 4095.0, 1.5, wrong)
