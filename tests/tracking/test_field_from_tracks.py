@@ -192,8 +192,8 @@ def test_error_bars_cover_what_chance_adds():
         added.append(field.remainder.at(places)[0] != 0.0)
     off, bars, added = (np.concatenate(each) for each in (off, bars, added))
     fits = np.stack([field._basis(places) @ each.T for each in field.coefficients[1:]])
-    _, variance, untold = field.remainder.at(places)
-    finer = untold * field.unresolved.at(places, variance)
+    _, chance, untold = field.remainder.at(places)
+    finer = untold * field.unresolved.at(places, chance / untold)
     assert bar == pytest.approx(np.sqrt(fits.var(0) * len(fits) / (len(fits) - 1) + finer))
     assert 0.05 < added.mean() < 0.3
     assert (off < 2 * bars)[added].mean() > 0.93

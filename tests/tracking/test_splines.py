@@ -49,13 +49,12 @@ def test_the_remainder_is_simple_kriging(rng):
     place, noise = rng.uniform(0.0, 1.0, (30, 3)), np.full((30, 3), 0.01)
     left = np.stack([np.sin(6 * place[:, 0]), 0.001 * rng.standard_normal(30), 0.1 * rng.standard_normal(30)], 1)
     points = rng.uniform(0.2, 0.8, (20, 3))
-    found, spread, unknown = Remainder(place, left, noise, 0.3).at(points)
+    found, chance, unknown = Remainder(place, left, noise, 0.3).at(points)
     beyond = left**2 - noise
     mean, own = beyond.mean(), beyond.mean(0)
     by_chance = SURE * 0.01 * np.sqrt(2 / 90), SURE * 0.01 * np.sqrt(2 / 30)  # of noise^2 without anything beyond
     variance = np.maximum(np.maximum(mean - by_chance[0], own - by_chance[1]), 0.0)
     assert variance.min() > 0.0
-    assert spread == pytest.approx(np.broadcast_to(variance, spread.shape))
 
     def covariance(a, b):
         apart = np.linalg.norm(a[:, None] - b, axis=-1) / (LENGTH * 0.3)
@@ -65,15 +64,18 @@ def test_the_remainder_is_simple_kriging(rng):
         form = variance[k] * covariance(place, place) + np.diag(noise[:, k])
         weights = np.linalg.solve(form, variance[k] * covariance(place, points))
         assert found[:, k] == pytest.approx(weights.T @ left[:, k])
+        assert chance[:, k] == pytest.approx((weights.T**2) @ left[:, k] ** 2)
         assert unknown[:, k] == pytest.approx(1.0 - (weights * covariance(place, points)).sum(0))
 
 
 def test_noise_alone_leaves_next_to_nothing(rng):
     place, noise = rng.uniform(0.0, 1.0, (3000, 3)), np.full((3000, 3), 0.04)
-    found, spread, unknown = Remainder(place, 0.2 * rng.standard_normal((3000, 3)), noise, 0.07).at(place[:500])
+    found, chance, unknown = Remainder(place, 0.2 * rng.standard_normal((3000, 3)), noise, 0.07).at(place[:500])
     assert np.sqrt((found**2).mean()) < 0.05
     assert unknown.mean() > 0.9
-    assert (spread > 0.0).mean() < 0.2
+    added = found != 0.0
+    assert (chance[~added] == 0.0).all()
+    assert 0.6 < np.sqrt(chance[added].mean() / (found[added] ** 2).mean()) < 1.4
 
 
 def test_a_track_that_is_wrong_beside_its_neighbours_is_not_followed():

@@ -10,7 +10,7 @@ the tracks nearby by. Without f tracks that are known well would be believed to 
 all others: near focus, where few are. The smoothing is a little less than the one that tells a fifth of the tracks best
 from the others (cross-validation, Wahba 1990, Spline Models for Observational Data). What splines leave beyond errors
 is added, interpolated between tracks (``remainder``). Error bars are the scatter of fits to data that carry errors
-again, and what of the remainder's variance tracks do not tell, as far as tracks held out allow (``unresolved``).
+again, and what noise makes of the remainder, no less and no more than tracks held out allow (``unresolved``).
 ``parts`` takes larger volumes.
 """
 
@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.tracking.nearby import Smoothings, Solved
-from plenopiv.tracking.remainder import MEDIAN_SQUARE, Remainder
+from plenopiv.tracking.remainder import LEAST, MEDIAN_SQUARE, Remainder
 from plenopiv.tracking.splines import Equations, Nodes, information, values_at
 from plenopiv.tracking.unresolved import Unresolved
 from plenopiv.volume import Limits, check_limits, within
@@ -71,8 +71,8 @@ class TrackField:
         points = np.asarray(points_mm, np.float64)
         basis = self._basis(points)
         values = np.stack([basis @ each.T for each in self.coefficients])
-        left, variance, untold = self.remainder.at(points)
-        finer = self.unresolved.at(points, variance)  # what chance adds is an error, too
+        left, chance, untold = self.remainder.at(points)
+        finer = self.unresolved.at(points, chance / np.maximum(untold, LEAST))  # what noise adds is an error, too
         return values[0] + left, np.sqrt(values[1:].var(0, ddof=1) + untold * finer)
 
     def gradient(self, points_mm: ArrayLike) -> Array:

@@ -39,13 +39,13 @@ class Remainder:
     spacing_mm: float
 
     def at(self, points_mm: Array) -> tuple[Array, Array, Array]:
-        """The remainder (m, 3) in m/s at points (m, 3) in mm, its variance (m, 3) in (m/s)^2, and the share (m, 3) of
-        it that tracks do not tell of."""
+        """The remainder (m, 3) in m/s at points (m, 3) in mm; its variance (m, 3) in (m/s)^2 if what tracks leave were
+        noise alone, each as large as it is; and the share (m, 3) of its own variance that tracks do not tell of."""
         parts = [self._at(points_mm[n : n + AT_A_TIME]) for n in range(0, len(points_mm), AT_A_TIME)]
         if not parts:
             return np.zeros((0, 3)), np.zeros((0, 3)), np.ones((0, 3))
-        values, variance, unknown = (np.concatenate(each) for each in zip(*parts, strict=True))
-        return values, variance, unknown
+        values, chance, unknown = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return values, chance, unknown
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -64,7 +64,7 @@ class Remainder:
 
     def _at(self, points: Array) -> tuple[Array, Array, Array]:
         far, near = self._tree.query(points, min(NEARBY, len(self.left)))
-        values, unknown = np.zeros((len(points), 3)), np.ones((len(points), 3))
+        values, chance, unknown = np.zeros((len(points), 3)), np.zeros((len(points), 3)), np.ones((len(points), 3))
         noise = self._believed
         variance = beyond_errors(self.left[near] ** 2 - noise[near], 1.0 / noise[near] ** 2)
         some = np.flatnonzero((variance > 0.0).any(1))
@@ -78,8 +78,9 @@ class Remainder:
             form[:, diagonal, diagonal] += np.maximum(noise[own, axis] / variance[which, axis, None], LEAST)
             weights = np.linalg.solve(form, here[rows][:, :, None])[:, :, 0]
             values[which, axis] = (weights * self.left[own, axis]).sum(1)
+            chance[which, axis] = ((weights * self.left[own, axis]) ** 2).sum(1)
             unknown[which, axis] = np.clip(1.0 - (weights * here[rows]).sum(1), 0.0, 1.0)
-        return values, variance, unknown
+        return values, chance, unknown
 
 
 def beyond_errors(beyond: Array, known: Array, sure: float = SURE) -> Array:
