@@ -112,11 +112,7 @@ class Lattice:
         if self.kind not in ROW_SPACING:
             raise PlenoPIVError(f'lattice: kind = {self.kind!r}, give "square" or "hexagonal"')
         check_positive("lattice", pitch_mm=self.pitch_mm)
-        if (
-            not np.isfinite(self.rotation_rad)
-            or np.shape(self.offset_mm) != (2,)
-            or not np.isfinite(self.offset_mm).all()
-        ):
+        if np.shape(self.offset_mm) != (2,) or not np.isfinite([self.rotation_rad, *self.offset_mm]).all():
             raise PlenoPIVError(
                 f"lattice: rotation_rad = {self.rotation_rad}, offset_mm = {self.offset_mm}; give a number, and (s, t)"
             )

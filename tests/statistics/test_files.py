@@ -19,7 +19,7 @@ from plenopiv.statistics import SeriesStatistics
 @pytest.fixture
 def results(tmp_path, field_of, monkeypatch):
     """Twelve pairs, one of them set aside."""
-    monkeypatch.setattr(series_statistics, "damage", lambda path, netcdf: "")  # a child process takes 0.3 s
+    monkeypatch.setattr("plenopiv.io.netcdf.damage", lambda path, netcdf: "")  # a child process takes 0.3 s
     monkeypatch.setattr(statistics, "_draw", lambda found, figures: [path.touch() for path in figures])  # 1.5 s
     rng = np.random.default_rng(0)
     fields = [field_of(rng.normal(2.0, 0.5, (3, 2, 3, 4)), 0.1, time=1e-3 * k) for k in range(12)]

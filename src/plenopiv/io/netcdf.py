@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -113,6 +113,19 @@ def loaded(path: str | Path, dataset: xarray.Dataset) -> xarray.Dataset:
 def _damaged(path: str | Path, error: Exception) -> PlenoPIVError:
     """HDF5, netCDF and decoding each fail in their own way."""
     return PlenoPIVError(f"{path}: is no velocity file or is damaged ({' '.join(str(error).split())[:100]})")
+
+
+def shapes_in(path: Path, names: Sequence[str]) -> list[tuple[int, ...]]:
+    """Shapes of the variables ``names`` of a netCDF file; none where it does not hold all of them, or is damaged."""
+    import h5py
+
+    try:
+        if damage(path, netcdf=True):
+            return []
+        with h5py.File(path, "r") as file:
+            return [file[name].shape for name in names] if all(name in file for name in names) else []
+    except (OSError, ValueError, AttributeError):
+        return []
 
 
 def check_velocity(path: Path, dataset: xarray.Dataset) -> None:

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from plenopiv.errors import PlenoPIVError
-from plenopiv.hdf5 import damage
 from plenopiv.io.beside import VELOCITY
-from plenopiv.io.netcdf import DIMS, loaded, opened_velocity, write_dataset
+from plenopiv.io.netcdf import DIMS, loaded, opened_velocity, shapes_in, write_dataset
 from plenopiv.statistics import Phases, PhaseStatistics, SeriesStatistics
 
 if TYPE_CHECKING:
@@ -27,16 +26,7 @@ def velocity_file(results: str | Path) -> Path:
 
 def holds_statistics(path: Path) -> bool:
     """Whether a file is one of statistics, and can be opened."""
-    import h5py
-
-    try:
-        if damage(path, netcdf=True):
-            return False
-        with h5py.File(path, "r") as file:
-            wanted = [*"xyz", *(f"{name}_{what}" for name in "uvw" for what in ("mean", "rms"))]
-            return all(name in file for name in wanted)
-    except (OSError, ValueError, AttributeError):
-        return False
+    return bool(shapes_in(path, [*"xyz", *(f"{name}_{what}" for name in "uvw" for what in ("mean", "rms"))]))
 
 
 def fields_of(results: str | Path) -> Iterator[tuple[int, int, xarray.Dataset]]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from plenopiv.errors import PlenoPIVError
 from plenopiv.io.aside import hdf5_aside
-from plenopiv.io.netcdf import COMPRESSED, loaded, write_dataset
+from plenopiv.io.netcdf import COMPRESSED, loaded, shapes_in, write_dataset
 
 if TYPE_CHECKING:
     import xarray
@@ -50,18 +50,8 @@ def read_tracks(path: str | Path) -> xarray.Dataset:
 
 def holds_tracks(path: Path) -> bool:
     """Whether a file is one of tracks, and can be opened."""
-    import h5py
-
-    from plenopiv.hdf5 import damage
-
-    try:
-        if damage(path, netcdf=True):
-            return False
-        with h5py.File(path, "r") as file:
-            wanted = ["track_id", "frame", "x", "y", "z", *" ".join(VECTORS.values()).split()]
-            return all(name in file for name in wanted) and len({file[name].shape for name in wanted}) == 1
-    except (OSError, ValueError, AttributeError):
-        return False
+    wanted = ["track_id", "frame", "x", "y", "z", *" ".join(VECTORS.values()).split()]
+    return len(set(shapes_in(path, wanted))) == 1
 
 
 def write_tracks_vtkhdf(path: str | Path, dataset: xarray.Dataset) -> None:

@@ -200,7 +200,7 @@ def _wanted(recording: Recording, pairs: tuple[int, int] | None) -> list[int]:
     count = len(recording.pairs)
     if pairs is None:
         return list(range(count))
-    if not 0 <= pairs[0] <= pairs[1] or pairs[0] >= count:
+    if pairs[0] >= count:
         raise PlenoPIVError(f"--pairs {pairs[0]}-{pairs[1]}: the recording has pairs 0 to {count - 1}")
     if pairs[1] >= count:
         log.info("--pairs %d-%d: the recording ends with pair %d", *pairs, count - 1)

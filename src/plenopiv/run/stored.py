@@ -61,20 +61,7 @@ class StoredSeries:
             PlenoPIVError: the folder cannot be written; as ``records`` do. What was kept before stays.
         """
         told = Told(self.judgement.findings, self.warned)
-        if count > 1:
-            self.report("pairs", 0, count)
-        try:
-            for done, record in enumerate(records, 1):
-                kept = self.folder.store(record.content(), record.files)
-                for said in told.add(kept):
-                    warnings.warn(said, PlenoPIVWarning, stacklevel=3)
-                if count > 1:
-                    self.report("pairs", done, count)
-        except BaseException:
-            if self.folder.finished and self.folder.is_mine:
-                done, count = len(self.folder.finished), self.count
-                log.info("%d of %d pairs are finished and kept; the same command goes on from there", done, count)
-            raise
+        keep_as_they_come(self.folder, records, told, count, self.count, self.report)
 
     def put_together(
         self,
@@ -112,6 +99,30 @@ class StoredSeries:
         files = write_results(folder, self.experiment, self.times, records, summary, shown, score, self.clock)
         folder.publish(files, self.inputs)
         return summary
+
+
+def keep_as_they_come(
+    folder: SeriesFolder, records: Iterable[PairRecord], told: Told, left: int, count: int, report: Progress
+) -> None:
+    """Keep the records of ``left`` pairs, of ``count`` in all, as they come, and tell what is new in them.
+
+    Raises:
+        PlenoPIVError: the folder cannot be written; as ``records`` do. What was kept before stays.
+    """
+    if left > 1:
+        report("pairs", 0, left)
+    try:
+        for done, record in enumerate(records, 1):
+            kept = folder.store(record.content(), record.files)
+            for said in told.add(kept):
+                warnings.warn(said, PlenoPIVWarning, stacklevel=3)
+            if left > 1:
+                report("pairs", done, left)
+    except BaseException:
+        if folder.finished and folder.is_mine:
+            done = len(folder.finished)
+            log.info("%d of %d pairs are finished and kept; the same command goes on from there", done, count)
+        raise
 
 
 def summary_there(folder: SeriesFolder) -> dict[str, Any]:

@@ -41,7 +41,7 @@ from plenopiv.run.log import Clock, kept_warnings
 from plenopiv.run.pair import PairRecord, largest
 from plenopiv.run.plan import plan
 from plenopiv.run.series import keep_unchanged
-from plenopiv.run.stored import times_of
+from plenopiv.run.stored import keep_as_they_come, times_of
 from plenopiv.run.target import target_calibration
 from plenopiv.run.track_frame import FrameTracker, TrackedFrame, own_tracks
 from plenopiv.run.track_pair import TrackJob, field_file, tracks_file
@@ -156,23 +156,10 @@ def track(
                 records = _in_turn(pairs, left, clock, report)
             else:
                 records = until_tracked.enter_context(closing(on_cluster(pairs, left, pool, clock, None)))
-        if len(left) > 1:
-            report("pairs", 0, len(left))
         told = Told(judgement.findings, [str(one.message) for one in caught])
         for _, stored in sorted(folder.finished.items()):  # an earlier run has said so
             told.add(stored)
-        try:
-            for done, record in enumerate(records, 1):
-                kept = folder.store(record.content(), record.files)
-                for line in told.add(kept):
-                    warnings.warn(line, PlenoPIVWarning, stacklevel=2)
-                if len(left) > 1:
-                    report("pairs", done, len(left))
-        except BaseException:
-            if folder.finished and folder.is_mine:
-                done = len(folder.finished)
-                log.info("%d of %d pairs are finished and kept; the same command goes on from there", done, count)
-            raise
+        keep_as_they_come(folder, records, told, len(left), count, report)
         said = [*told.said, *(str(one.message) for one in caught)]
         summary = _put_together(folder, recording, chain, table, judgement, path, said, clock, inputs, report)
     return TrackResult(path, _velocity(path), summary)
